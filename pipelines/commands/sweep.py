@@ -55,7 +55,7 @@ def run_sweep(config: EvaluateConfig, sweep: SweepConfig, console: Console) -> d
             begun = plan.begin(missing, submit)  # workers are at work while the tracker opens
             named = f"sweep-{sweep.name}"
             parent = last.enter_context(tracked_run(named, config, command="sweep", resume=noted.get("run")))
-            import tossid.evaluation.score_figures  # needed at the end; now workers are at work  # noqa: F401
+            import tossid.evaluation.figures  # needed at the end; now workers are at work  # noqa: F401
 
             bar = last.enter_context(console.progress(f"sweep {sweep.name}", len(plan.cells), unit="cells"))
             runs = CellRuns(study, parent, noted)

@@ -12,7 +12,7 @@ import pytest
 import tossid
 from tests.models.made import tosses
 from tossid.errors import InputError
-from tossid.evaluation.evaluate import metric_means
+from tossid.evaluation.evaluate import metric_means, ranked
 from tossid.models import TrainedModel, build_model, variant
 from tossid.objects import ObjectModel, center_positions
 from tossid.settings.training import ModelSettings, TrainSettings
@@ -68,6 +68,23 @@ def test_they_show_and_save_themselves(cube: ObjectModel, dataset: Dataset, tmp_
     means = metric_means(scores.metrics)
     assert means["from_flight/position_error_pct"] == found["from_flight"]["position_error_pct"]["mean"]
     assert means["diverged"] == 0
+
+
+def test_the_median_and_the_worst_of_the_finite_errors_are_drawn(cube: ObjectModel, dataset: Dataset) -> None:
+    assert ranked(np.array([3.0, np.inf, 1.0, 2.0])) == {"median": 3, "worst": 0}
+    assert ranked(np.array([1.0, 2.0])) == {"median": 0, "worst": 1}
+    assert ranked(np.array([np.nan, 5.0])) == {"median": 1}
+    assert ranked(np.array([np.nan])) == {}
+    single = tossid.evaluate(model_of(cube, gravity=0.0), replace(dataset, tosses=dataset.tosses[:1])).figures()
+    assert "toss_comparison_median" in single
+    assert not {"toss_comparison_worst", "geometry_at_angles"} & single.keys()
+    assert "CN, given no gravity" in single["residual_over_toss"].texts[0].get_text()
+
+
+def test_a_model_that_is_no_rigid_body_has_no_figure_of_accelerations(cube: ObjectModel, dataset: Dataset) -> None:
+    settings = TrainSettings(model=variant("e2e"))
+    network = TrainedModel(build_model(settings.model, cube), settings, {})
+    assert tossid.evaluate(network, dataset).acceleration_figure() == {}
 
 
 def test_a_dataset_without_tosses_is_refused(cube: ObjectModel, dataset: Dataset) -> None:

@@ -17,14 +17,18 @@ from tossid.models.contactnets import ContactNets
 from tossid.objects import ObjectModel
 from tossid.settings.training import TrainSettings
 
-FEW = {"flights": 4, "flight_s": 0.1}
+
+@pytest.fixture(autouse=True)
+def few_flights(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tossid.evaluation.export.FLIGHTS", 4)
+    monkeypatch.setattr("tossid.evaluation.export.FLIGHT_S", 0.1)
 
 
 @pytest.mark.parametrize(("form", "suffix"), [("mjcf", ".xml"), ("urdf", ".urdf")])
 def test_mujoco_flies_the_file_as_tossid_flies_the_model(
     cube: ObjectModel, tmp_path: Path, form: str, suffix: str
 ) -> None:
-    found = tossid.export(model_of(cube), tmp_path / f"cube{suffix}", format=form, **FEW)
+    found = tossid.export(model_of(cube), tmp_path / f"cube{suffix}", format=form)
     assert found.check["free_flight"].position_mm < 0.1
     assert found.check["free_flight"].rotation_deg < 0.05
     assert ("with_contact" in found.check) == (form == "mjcf")
@@ -41,7 +45,7 @@ def test_gravity_of_k_res_is_carried_and_the_rest_of_it_named(cube: ObjectModel,
     with torch.no_grad():
         model.k_res.vertical -= 0.4  # 4 m/s² more downwards
         model.k_res.linear[0, 0] += 0.05
-    found = tossid.export(TrainedModel(model, settings, {}), tmp_path / "cube.xml", **FEW)
+    found = tossid.export(TrainedModel(model, settings, {}), tmp_path / "cube.xml")
     assert found.gravity_ms2 == pytest.approx(9.0)
     scene = mujoco.MjModel.from_xml_path(str(tmp_path / "cube.xml"))
     assert scene.opt.gravity[2] == pytest.approx(-9.0)
@@ -51,7 +55,7 @@ def test_gravity_of_k_res_is_carried_and_the_rest_of_it_named(cube: ObjectModel,
 
 def test_contact_too_stiff_for_the_time_step_is_written_rigid(cube: ObjectModel, tmp_path: Path) -> None:
     stiff = cube.with_changes(compliance=(1e-4) ** 2 / float(cube.mass.sum()), relaxation=1e-4)
-    found = tossid.export(model_of(stiff), tmp_path / "cube.xml", **FEW)
+    found = tossid.export(model_of(stiff), tmp_path / "cube.xml")
     assert any("how contact gives way" in text for text in found.left_out)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,11 +18,14 @@ from tossid.physics import make_system
 from tossid.physics.free import mass_norms
 from tossid.physics.tree import make_work
 from tossid.rotations import geodesic_angle
-from tossid.settings.evaluation import EvaluateSettings
 from tossid.types import Rollout, Toss, frame_time
 
 Array = NDArray[np.float64]
 
+SHORT_STEPS = 16
+"""Steps of the short rollouts into which tosses are cut; the metrics' key "sixteen_steps" names it."""
+DRAWS = 2000
+"""Sets of tosses that the bootstrap of a mean draws."""
 AT_ONCE = 1 << 21
 """Values that a bootstrap draws together; bounds the memory, as its jackknife holds the square of the tosses."""
 
@@ -107,16 +110,9 @@ def score_tosses(
     dt: float | None = None,
     n_threads: int = 1,
 ) -> TossScores:
-    """Scores of open-loop rollouts (`roll_out`) of every toss.
+    """Scores of open-loop rollouts of every toss, by the stated object's centre, width and corners.
 
-    Args:
-        predictor: As of `roll_out`, as all others.
-        model: The object as it is stated; its centre, width and corners are compared.
-        tosses: As recorded.
-        measurement: How recorded motion relates to true motion.
-        from_flight: Start from the state estimated from the toss's first free flight.
-        dt: Between frames [s]; None for the tosses' `frame_time`.
-        n_threads: For rollouts.
+    Arguments are those of `roll_out`.
     """
     measurement = measurement or MeasurementModel()
     runs = roll_out(
@@ -125,7 +121,7 @@ def score_tosses(
     if not runs:
         none = np.empty(0)
         return TossScores(none, none, none, none, none, none, np.empty((0, model.n_bodies)), none, 0, 0)
-    each = _Stretches(np.array([len(toss) for toss in tosses]))
+    lengths = np.array([len(toss) for toss in tosses])
     q, at = np.concatenate([run.q for run in runs]), np.concatenate([toss.q for toss in tosses])
     distance = np.linalg.norm(center_positions(model, q) - center_positions(model, at), axis=1)
     angle = geodesic_angle(q[:, 3:7], at[:, 3:7])
@@ -137,40 +133,26 @@ def score_tosses(
     true = [measurement.true_toss(toss) for toss in tosses]
     gravity, flight = _of_flight(predictor, model, true, frames_in_flight(tosses, model))
     return TossScores(
-        position_error_pct=100 * each.means(distance) / model.width,
-        rotation_error_deg=np.rad2deg(each.means(angle)),
-        penetration_mm=1e3 * each.means(_depths(model, q)),
-        recorded_penetration_mm=1e3 * each.means(_depths(model, at)),
+        position_error_pct=100 * _means(distance, lengths) / model.width,
+        rotation_error_deg=np.rad2deg(_means(angle, lengths)),
+        penetration_mm=1e3 * _means(depths(model, q), lengths),
+        recorded_penetration_mm=1e3 * _means(depths(model, at), lengths),
         gravity_ms2=gravity,
-        joint_error_deg=np.rad2deg(each.means(joint)),
-        link_error_deg=np.rad2deg(each.means(link)),
+        joint_error_deg=np.rad2deg(_means(joint, lengths)),
+        link_error_deg=np.rad2deg(_means(link, lengths)),
         flight_miss_pct=flight,
         unsolved=sum(run.unsolved for run in runs),
         diverged=sum(run.diverged for run in runs),
     )
 
 
-@dataclass(frozen=True)
-class _Stretches:
-    """Stretches of rows that follow one another, each of at least one.
-
-    Attributes:
-        lengths: (B,) numbers of rows.
-    """
-
-    lengths: NDArray[np.int64]
-
-    def means(self, values: Array) -> Array:
-        """(B, *b) means of each stretch's values (N, *b)."""
-        total = np.add.reduceat(values, np.cumsum(self.lengths) - self.lengths, axis=0)
-        return total / self.lengths.reshape(-1, *[1] * (values.ndim - 1))
-
-    def parts(self, values: Array) -> list[Array]:
-        """Each stretch's values (N, *b)."""
-        return np.split(values, np.cumsum(self.lengths)[:-1])
+def _means(values: Array, lengths: NDArray[np.int64]) -> Array:
+    """(B, *b) means of values (N, *b) over stretches of so many rows (B,) each, at least one, one after the other."""
+    total = np.add.reduceat(values, np.cumsum(lengths) - lengths, axis=0)
+    return total / lengths.reshape(-1, *[1] * (values.ndim - 1))
 
 
-def _depths(model: ObjectModel, q: Array) -> Array:
+def depths(model: ObjectModel, q: Array) -> Array:
     """(N,) depth of the deepest corner of configurations [m], 0 above the ground."""
     return np.maximum(-corner_heights(model, q).min(axis=1), 0)
 
@@ -185,11 +167,11 @@ def _of_flight(
     gravity, flight = np.full((2, len(tosses)), np.nan)
     flying = np.flatnonzero(frames)
     if len(flying):
-        each = _Stretches(frames[flying])
         q, v = (np.concatenate([getattr(tosses[i], name)[: frames[i]] for i in flying.tolist()]) for name in "qv")
         found = predictor.acceleration(q, v)
-        gravity[flying] = -each.means(found[:, 2])
-        flight[flying] = [np.median(part) for part in each.parts(_flight_errors(model, q, v, found))]
+        gravity[flying] = -_means(found[:, 2], frames[flying])
+        errors = np.split(_flight_errors(model, q, v, found), np.cumsum(frames[flying])[:-1])
+        flight[flying] = [np.median(part) for part in errors]
     return gravity, flight
 
 
@@ -198,67 +180,50 @@ def score_windows(
     model: ObjectModel,
     tosses: Sequence[Toss],
     *,
-    steps: int = EvaluateSettings.short_steps,
+    steps: int = SHORT_STEPS,
     measurement: MeasurementModel | None = None,
     dt: float | None = None,
     n_threads: int = 1,
 ) -> TossScores:
-    """Scores of short rollouts, each from a recorded state: every toss is cut into stretches.
+    """Scores of short rollouts, each from a recorded state: every toss is cut into stretches of so many `steps`.
 
-    Args:
-        predictor: As of `roll_out`.
-        model: The object as it is stated.
-        tosses: As recorded.
-        steps: Frames of a stretch.
-        measurement: How recorded motion relates to true motion.
-        dt: Between frames [s]; None for the tosses' `frame_time`.
-        n_threads: For rollouts.
-
-    Returns:
-        A toss's score is the mean over its stretches; tosses shorter than one have NaN.
+    Other arguments are those of `roll_out`. A toss's score is the mean over its stretches; tosses shorter than one have
+    NaN.
     """
     parts = stretches(tosses, steps)
     cut = [part for _, part in parts]
     dt = dt or frame_time(tosses)
     scores = score_tosses(predictor, model, cut, measurement=measurement, dt=dt, n_threads=n_threads)
-    of = np.array([i for i, _ in parts])
+    toss_of = np.array([i for i, _ in parts])
 
     def by_toss(values: Array) -> Array:
         out = np.full((len(tosses), *values.shape[1:]), np.nan)
-        for i in np.unique(of):
-            own = values[of == i]
+        for i in np.unique(toss_of):
+            own = values[toss_of == i]
             known = np.isfinite(own).reshape(len(own), -1).all(axis=1)
             if known.any():
                 out[i] = own[known].mean(axis=0)
         return out
 
-    return TossScores(
-        **{name: by_toss(value) for name, value in vars(scores).items() if isinstance(value, np.ndarray)},
-        unsolved=scores.unsolved,
-        diverged=scores.diverged,
-    )
+    return replace(scores, **{name: by_toss(value) for name, value in _arrays(scores).items()})
 
 
 def joined(parts: Sequence[TossScores]) -> TossScores:
-    """Scores of several batches of tosses as one.
-
-    Args:
-        parts: At least one.
-    """
-    names = [name for name, value in vars(parts[0]).items() if isinstance(value, np.ndarray)]
+    """Scores of several batches of tosses, at least one, as one."""
     return TossScores(
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in _arrays(parts[0])},
         unsolved=sum(part.unsolved for part in parts),
         diverged=sum(part.diverged for part in parts),
     )
 
 
-def wrapped(angle: Array) -> Array:
-    """Angles within half a turn: a hinge that is off by whole turns is where it should be.
+def _arrays(scores: TossScores) -> dict[str, Array]:
+    """The scores that have a value a toss."""
+    return {name: value for name, value in vars(scores).items() if isinstance(value, np.ndarray)}
 
-    Args:
-        angle: [rad].
-    """
+
+def wrapped(angle: Array) -> Array:
+    """Angles [rad] within half a turn: a hinge that is off by whole turns is where it should be."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
@@ -271,13 +236,11 @@ def _flight_errors(model: ObjectModel, q: Array, v: Array, found: Array) -> Arra
     return 100 * off / size
 
 
-def summarize(values: Array, *, draws: int = EvaluateSettings.draws, seed: int = 0) -> dict[str, Any]:
+def summarize(values: Array) -> dict[str, Any]:
     """Mean over tosses with its 95 % interval, by a BCa bootstrap over tosses (Efron 1987; SciPy's).
 
     Args:
         values: (B,), one a toss; missing ones (NaN) are left out.
-        draws: Sets of tosses that are drawn.
-        seed: Of the draws.
 
     Returns:
         {"mean", "ci95": [low, high], "n"}.
@@ -286,30 +249,20 @@ def summarize(values: Array, *, draws: int = EvaluateSettings.draws, seed: int =
     mean = float(values.mean()) if len(values) else float("nan")
     if len(values) < 2 or np.ptp(values) < 1e-12:
         return {"mean": mean, "ci95": [mean, mean], "n": len(values)}
-    rng, batch = np.random.default_rng(seed), max(1, AT_ONCE // len(values))
-    interval = bootstrap((values,), np.mean, n_resamples=draws, batch=batch, rng=rng).confidence_interval
-    return {"mean": mean, "ci95": [float(interval.low), float(interval.high)], "n": len(values)}
+    batch = max(1, AT_ONCE // len(values))
+    found = bootstrap((values,), np.mean, n_resamples=DRAWS, batch=batch, rng=np.random.default_rng(0))
+    low, high = found.confidence_interval
+    return {"mean": mean, "ci95": [float(low), float(high)], "n": len(values)}
 
 
-def summarize_scores(
-    scores: TossScores, model: ObjectModel, *, draws: int = EvaluateSettings.draws, seed: int = 0
-) -> dict[str, Any]:
+def summarize_scores(scores: TossScores, model: ObjectModel) -> dict[str, Any]:
     """The four metrics, the recorded poses' own penetration and the error in flight, each with mean and interval.
 
-    Joints and links are added where there are any.
-
-    Args:
-        scores: One a toss.
-        model: The object, for its joints.
-        draws: As of `summarize`.
-        seed: As of `summarize`.
+    Joints and links are added where the object has any.
     """
     keys = ["position_error_pct", "rotation_error_deg", "penetration_mm", "recorded_penetration_mm", "gravity_ms2"]
-    keys += ["flight_miss_pct"]
-    found = {key: summarize(getattr(scores, key), draws=draws, seed=seed) for key in keys}
-    if model.n_joints:
-        found["joint_error_deg"] = summarize(scores.joint_error_deg, draws=draws, seed=seed)
-        for b in range(1, model.n_bodies):
-            key = f"rotation_error_deg_{model.body_names[b]}"
-            found[key] = summarize(scores.link_error_deg[:, b], draws=draws, seed=seed)
+    keys += ["flight_miss_pct", *(["joint_error_deg"] if model.n_joints else [])]
+    found = {key: summarize(getattr(scores, key)) for key in keys}
+    for b in range(1, model.n_bodies):
+        found[f"rotation_error_deg_{model.body_names[b]}"] = summarize(scores.link_error_deg[:, b])
     return found

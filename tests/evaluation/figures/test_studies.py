@@ -7,16 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.evaluation.figures.reading import assert_legible, bars, line, lines, panels, titled, words
+from tests.evaluation.figures.reading import assert_legible, bars, line, lines, titled, words
 from tossid.errors import InputError
-from tossid.evaluation.figures import data_efficiency, gravity_sweep
+from tossid.evaluation.figures import costs_of_size, data_efficiency, gravity_sweep, inertia_study
+from tossid.evaluation.figures.studies import models_in, pool, value_of
 
 REPAIR = {"cn": 1.0, "cnrp": 0.05, "cnrpi": 0.0}
-
-
 FRACTIONS = (0.0, 0.5, 1.0, 1.5, 2.0)
-
-
 KEYS = {
     "Gravity": "gravity_ms2",
     "Penetration": "penetration_mm",
@@ -27,11 +24,8 @@ KEYS = {
 
 def metrics(recovered: float, *, seed: int, half: float = 0.2) -> dict[str, Any]:
     off = abs(recovered - 9.81)
-    values = (recovered, 1 + 0.5 * off, 10 + 3 * off, 20 + 7 * off)
-    return {
-        key: {"mean": v + 0.1 * seed, "ci95": [v + 0.1 * seed - half, v + 0.1 * seed + 2 * half], "n": 100}
-        for key, v in zip(KEYS.values(), values, strict=True)
-    }
+    values = np.array([recovered, 1 + 0.5 * off, 10 + 3 * off, 20 + 7 * off]) + 0.1 * seed
+    return {key: {"mean": v, "ci95": [v - half, v + 2 * half]} for key, v in zip(KEYS.values(), values, strict=True)}
 
 
 def sweep(seeds: int) -> list[dict[str, Any]]:
@@ -49,11 +43,26 @@ def sweep(seeds: int) -> list[dict[str, Any]]:
     ]
 
 
+def test_a_metric_is_a_mean_with_its_interval_or_a_number_and_is_pooled_over_seeds() -> None:
+    def cell(model: str, seed: int, x: float, mean: float | None) -> dict[str, object]:
+        ends = None if mean is None else [mean - 1, mean + 2]
+        return {"model": model, "seed": seed, "x": x, "error": {"mean": mean, "ci95": ends}}
+
+    assert value_of(cell("cn", 0, 1, 5.0), "error") == (5.0, 4.0, 7.0)
+    assert value_of({"error": 3}, "error") == (3.0, 3.0, 3.0)
+    assert np.isnan([*value_of(cell("cn", 0, 1, None), "error"), *value_of({}, "error")]).all()
+    cells = [cell("cn", 0, 2, 4.0), cell("cn", 1, 2, 6.0), cell("cn", 0, 1, 1.0), cell("cn", 1, 1, None)]
+    series = pool([*cells, cell("e2e", 0, 2, 99.0)], model="cn", swept="x", metric="error")
+    for found, wanted in ((series.x, [1, 2]), (series.mean, [1, 5]), (series.low, [0, 4]), (series.high, [3, 7])):
+        np.testing.assert_allclose(found, wanted)
+    assert len(series.points) == 3
+    assert models_in([cell(name, 0, 1, 1.0) for name in ("mine", "cnrp", "cn")]) == ["cn", "cnrp", "mine"]
+
+
 @pytest.mark.parametrize("seeds", [1, 3])
 def test_the_sweep_draws_means_and_intervals(seeds: int) -> None:
     cells = sweep(seeds)
     figure = gravity_sweep(cells[::-1], measured_penetration_mm=0.7)
-    assert len(figure.axes) == 4
     for title, key in KEYS.items():
         ax = titled(figure, title)
         for model in REPAIR:
@@ -62,28 +71,28 @@ def test_the_sweep_draws_means_and_intervals(seeds: int) -> None:
             drawn = line(ax, model)
             np.testing.assert_allclose(drawn.get_xdata(), FRACTIONS, atol=0.05)
             np.testing.assert_allclose(drawn.get_ydata(), [np.mean([m["mean"] for m in ms]) for ms in at])
-            low, high = bars(ax, model)
-            np.testing.assert_allclose(low, [np.mean([m["ci95"][0] for m in ms]) for ms in at])
-            np.testing.assert_allclose(high, [np.mean([m["ci95"][1] for m in ms]) for ms in at])
+            for end, found in enumerate(bars(ax, model)):
+                np.testing.assert_allclose(found, [np.mean([m["ci95"][end] for m in ms]) for ms in at])
             dots = lines(ax, f"{model} seeds")
             assert len(dots) == (seeds > 1)
-            if dots:
-                np.testing.assert_allclose(
-                    np.sort(dots[0].get_ydata()), np.sort([c[key]["mean"] for c in own]), err_msg="every seed is a dot"
-                )
+            for one in dots:
+                np.testing.assert_allclose(np.sort(one.get_ydata()), np.sort([c[key]["mean"] for c in own]))
     gravity = titled(figure, "Gravity")
     assert line(gravity, "true 9.81").get_ydata()[0] == 9.81
     np.testing.assert_allclose(line(gravity, "no repair").get_data(), [[0, 2], [0, 2 * 9.81]])
     assert line(titled(figure, "Penetration"), "measured").get_ydata()[0] == 0.7
     assert "CN 1.00,  CNRP 0.05,  CNRPI 0.00" in words(figure)
+    assert (f"{seeds} seeds" in words(figure)) == (seeds > 1)
     assert_legible(figure)
 
 
-def test_the_sweep_from_flight() -> None:
+def test_the_sweep_from_flight_needs_it_in_all_cells() -> None:
     figure = gravity_sweep(sweep(1), from_flight=True)
     np.testing.assert_allclose(line(titled(figure, "Gravity"), "cn").get_ydata(), 5.0)
-    with pytest.raises(InputError, match="15 of 15 cells"):
-        gravity_sweep([{k: v for k, v in c.items() if k != "from_flight"} for c in sweep(1)], from_flight=True)
+    cells = sweep(1)
+    del cells[0]["from_flight"]
+    with pytest.raises(InputError, match="1 of 15 cells"):
+        gravity_sweep(cells, from_flight=True)
     with pytest.raises(InputError, match="no cells"):
         gravity_sweep([])
 
@@ -109,17 +118,69 @@ def test_data_efficiency_is_over_a_base_2_axis() -> None:
         for n in counts
     ]
     figure = data_efficiency(cells)
-    assert len(panels(figure)) == 4
     for title, key in KEYS.items():
         ax = titled(figure, title)
         assert ax.get_xscale() == "log"
-        assert ax.get_xlabel() == "training tosses [count]"
         assert [tick.get_text() for tick in ax.get_xticklabels()] == [str(n) for n in counts]
-        wanted = [
-            np.mean([c[key]["mean"] for c in cells if (c["model"], c["n_tosses"]) == ("cnrp", n)]) for n in counts
-        ]
+        own = [c for c in cells if c["model"] == "cnrp"]
+        wanted = [np.mean([c[key]["mean"] for c in own if c["n_tosses"] == n]) for n in counts]
         np.testing.assert_allclose(line(ax, "cnrp").get_ydata(), wanted)
         low, high = ax.get_ylim()
         assert low <= min(bars(ax, "cnrp")[0])
         assert max(bars(ax, "cn")[1]) <= high
     assert_legible(figure)
+
+
+def test_the_inertia_study_counts_who_reached_the_truth() -> None:
+    starts = [(s, o) for s in (0.25, 0.5, 1.0, 2.0, 4.0) for o in (0.0, 0.002, 0.005, 0.01)]
+    cells = [
+        {
+            "parameterisation": kind,
+            "seed": 0,
+            "inertia_scale": s,
+            "com_offset_m": o,
+            "inertia_error_rel": {"mean": error, "ci95": [0.9 * error, 1.2 * error]},
+            "com_error_m": 0.5e-3 if o < 0.01 else 2e-3,
+        }
+        for kind, error in (("log-Cholesky", 0.01), ("principal moments", 0.3))
+        for s, o in starts
+    ]
+    cells[0]["inertia_error_rel"] = float("nan")
+    figure = inertia_study(cells)
+    for text in ("log-Cholesky\n14 of 20 reached", "principal moments\n0 of 20 reached", "no result: 1"):
+        assert text in words(figure)
+    upper, _, lower, _ = figure.axes
+    np.testing.assert_allclose(line(upper, "learned").get_ydata()[1:], 1.0)
+    np.testing.assert_allclose(line(upper, "start").get_ydata(), [100 * abs(s - 1) for s, _ in starts])
+    np.testing.assert_allclose(np.log2(line(upper, "start").get_xdata()), [np.log2(s) for s, _ in starts], atol=0.31)
+    np.testing.assert_allclose(line(lower, "start").get_ydata(), [1e3 * o for _, o in starts])
+    (band,) = [p for p in upper.patches if p.get_label() == "reached"]
+    assert (band.get_y(), band.get_height()) == (0, 5)
+    np.testing.assert_allclose([one.get_ydata() for one in lines(upper, "_interval")], np.tile([0.9, 1.2], (19, 1)))
+    assert_legible(figure)
+
+
+def test_one_offset_is_drawn_over_the_scales() -> None:
+    common = {"parameterisation": "direct", "com_offset_m": 0.01, "inertia_error_rel": 0.02}
+    found = ((0.25, 1e-4), (1.0, 2e-4), (4.0, 3e-4))
+    _, lower = inertia_study([{**common, "inertia_scale": scale, "com_error_m": error} for scale, error in found]).axes
+    assert lower.get_xlabel() == "start: inertia / true inertia [1]"
+    np.testing.assert_allclose(line(lower, "learned").get_data(), [[0.25, 1, 4], [0.1, 0.2, 0.3]])
+    np.testing.assert_allclose(line(lower, "start").get_ydata(), 10.0)
+
+
+def test_every_command_has_a_line_of_seconds_and_one_of_memory() -> None:
+    panels = {
+        "tosses [count]": {
+            "train": [(10.0, 20.0, 0.7), (1000.0, 200.0, 1.7)],
+            "ingest": [(10.0, 4.0, 0.3), (1000.0, 24.0, 0.3)],
+        },
+        "film [min]": {"ingest film": [(1.0, 72.0, 0.6), (60.0, 3600.0, 0.6)]},
+    }
+    figure = costs_of_size(panels)
+    assert_legible(figure)
+    for column, commands in enumerate(panels.values()):
+        for row in (0, 1):
+            for name, costs in commands.items():
+                drawn = line(figure.axes[row * len(panels) + column], name)
+                np.testing.assert_allclose(drawn.get_ydata(), [cost[row + 1] for cost in costs])

@@ -10,7 +10,7 @@ from tossid.diagnosis.findings import Gap
 from tossid.diagnosis.report.figures import AFTER, BEFORE, colour_key
 from tossid.diagnosis.report.registry import report_figure
 from tossid.diagnosis.result import Diagnosis
-from tossid.evaluation.figures.sessions import recording_over_order
+from tossid.evaluation.figures import recording_over_order
 from tossid.evaluation.figures.style import MUTED, new_figure, panel_grid, styled
 
 OVER_ORDER = "Over the order of recording"

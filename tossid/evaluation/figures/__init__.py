@@ -4,18 +4,17 @@ They know no files and no tracker, use no pyplot, and leave matplotlib's setting
 as they were. `figure.savefig(path)` writes them at 150 dpi.
 """
 
-from tossid.evaluation.figures.accelerations import Accelerations, accelerations_over_toss
-from tossid.evaluation.figures.angles import geometry_at_angles
-from tossid.evaluation.figures.comparison import toss_comparison
-from tossid.evaluation.figures.errors import ErrorsAlong, errors_along, errors_along_rollout, errors_over_tosses
-from tossid.evaluation.figures.film import save_film, toss_film
-from tossid.evaluation.figures.geometry import learned_geometry
-from tossid.evaluation.figures.hull_film import hull_film
-from tossid.evaluation.figures.inertia import inertia_study
-from tossid.evaluation.figures.residual import residual_over_toss
-from tossid.evaluation.figures.sessions import recording_over_order
-from tossid.evaluation.figures.sizes import costs_of_size
-from tossid.evaluation.figures.studies import data_efficiency, gravity_sweep
+from tossid.evaluation.figures.films import hull_film, save_film, toss_film
+from tossid.evaluation.figures.geometry import geometry_at_angles, learned_geometry
+from tossid.evaluation.figures.studies import costs_of_size, data_efficiency, gravity_sweep, inertia_study
+from tossid.evaluation.figures.toss import residual_over_toss, toss_comparison
+from tossid.evaluation.figures.tosses import (
+    ErrorsAlong,
+    errors_along,
+    errors_along_rollout,
+    errors_over_tosses,
+    recording_over_order,
+)
 from tossid.evaluation.figures.training import training_curves
 
 __all__ = [
@@ -24,12 +23,11 @@ __all__ = [
     "learned_geometry",
     "geometry_at_angles",
     "toss_comparison",
+    "residual_over_toss",
+    # films
     "toss_film",
     "hull_film",
     "save_film",
-    "residual_over_toss",
-    "accelerations_over_toss",
-    "Accelerations",
     # many tosses
     "errors_over_tosses",
     "errors_along",
@@ -40,6 +38,5 @@ __all__ = [
     "gravity_sweep",
     "data_efficiency",
     "inertia_study",
-    # sizes
     "costs_of_size",
 ]

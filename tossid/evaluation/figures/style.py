@@ -9,13 +9,13 @@ from __future__ import annotations
 import functools
 import io
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any, ParamSpec
+from typing import Any, NamedTuple, ParamSpec
 
 import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.text import Text
 from matplotlib.ticker import LogFormatter
@@ -28,9 +28,7 @@ P = ParamSpec("P")
 DPI = 150
 WIDTH = 9.0
 """Width of nearly every figure [in]: 1350 pixels, readable where a browser halves them."""
-INK = "#26282c"
-MUTED = "#70757d"
-GRID = "#e3e5e8"
+INK, MUTED, GRID, RULE = "#26282c", "#70757d", "#e3e5e8", "#9aa0a8"
 SMALL = 8.5
 """Size of the smallest text [pt]."""
 
@@ -48,7 +46,7 @@ _STYLE: dict[str, Any] = {
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
     "axes.titlepad": 7,
-    "axes.edgecolor": "#9aa0a8",
+    "axes.edgecolor": RULE,
     "axes.linewidth": 0.8,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -56,8 +54,8 @@ _STYLE: dict[str, Any] = {
     "axes.axisbelow": True,
     "grid.color": GRID,
     "grid.linewidth": 0.6,
-    "xtick.color": "#9aa0a8",
-    "ytick.color": "#9aa0a8",
+    "xtick.color": RULE,
+    "ytick.color": RULE,
     "xtick.labelcolor": INK,
     "ytick.labelcolor": INK,
     "xtick.labelsize": 9,
@@ -72,16 +70,8 @@ _STYLE: dict[str, Any] = {
 }
 
 
-@dataclass(frozen=True)
-class Look:
-    """How a model or a source is drawn in every figure.
-
-    Attributes:
-        label: Its name in legends.
-        color: Its colour.
-        marker: Its marker.
-        linestyle: Its line style.
-    """
+class Look(NamedTuple):
+    """How a model or a source is drawn in every figure: its name in legends, and how its lines look."""
 
     label: str
     color: str
@@ -100,7 +90,8 @@ LOOKS = {
     "given": Look("given", "#8b9098", "."),
     "learned": Look("learned", "#0072B2", "o"),
 }
-_SPARE = (("#56B4E9", "P"), ("#7B4B94", "X"), ("#8C6D1F", "h"), ("#444444", "*"))
+SPARE = (("#56B4E9", "P"), ("#7B4B94", "X"), ("#8C6D1F", "h"), ("#444444", "*"))
+"""Colours and markers of what has no look of its own."""
 
 
 def look(name: str, *, others: Sequence[str] = ()) -> Look:
@@ -109,69 +100,38 @@ def look(name: str, *, others: Sequence[str] = ()) -> Look:
     Args:
         name: Its name.
         others: All names in the figure; unknown ones get spare colours in this order.
-
-    Returns:
-        The look.
     """
     if name in LOOKS:
         return LOOKS[name]
     unknown = [other for other in dict.fromkeys([*others, name]) if other not in LOOKS]
-    color, marker = _SPARE[unknown.index(name) % len(_SPARE)]
-    return Look(name, color, marker)
+    return Look(name, *SPARE[unknown.index(name) % len(SPARE)])
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """A decorator that draws in the common style, and leaves matplotlib's settings as they were.
-
-    Args:
-        draw: A function that returns a figure.
-
-    Returns:
-        The same function, whatever a user's matplotlibrc says.
-    """
+    """A decorator: the function draws in the common style, whatever a user's matplotlibrc says, and changes nothing."""
 
     @functools.wraps(draw)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> Figure:
         with matplotlib.style.context(["default", _STYLE]):
             figure = draw(*args, **kwargs)
-        _spell_powers(figure)
+        for axis in (axis for ax in figure.axes for axis in (ax.xaxis, ax.yaxis)):
+            if isinstance(axis.get_major_formatter(), LogFormatter):  # spells powers as mathematics
+                for text in (*axis.get_ticklabels(), *axis.get_ticklabels(minor=True)):
+                    text.set_parse_math(True)
         return figure
 
     return wrapped
 
 
-def _spell_powers(figure: Figure) -> None:
-    """Let the ticks of logarithmic axes be read as mathematics: matplotlib spells their powers so."""
-    for ax in figure.axes:
-        for axis in (ax.xaxis, ax.yaxis):
-            if isinstance(axis.get_major_formatter(), LogFormatter):
-                for text in (*axis.get_ticklabels(), *axis.get_ticklabels(minor=True)):
-                    text.set_parse_math(True)
-
-
 def as_png(figure: Figure) -> bytes:
-    """A figure as a PNG at `DPI`, as reports embed and save it.
-
-    Args:
-        figure: Drawn in the one look.
-    """
+    """A figure as a PNG at `DPI`, as reports embed and save it."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     return buffer.getvalue()
 
 
 def new_figure(title: str, subtitle: str = "", *, height: float, width: float = WIDTH) -> Figure:
-    """An empty figure with its title.
-
-    Args:
-        title: The title.
-        subtitle: Lines below the title.
-        height: Height [in].
-        width: Width [in].
-
-    Returns:
-        The figure.
-    """
+    """An empty figure of a height and width [in] with its title, and lines below the title."""
     figure = Figure(figsize=(width, height), dpi=DPI)
     figure.text(0.15 / width, 1 - 0.14 / height, title, va="top", fontsize=12.5, fontweight="bold")
     if subtitle:
@@ -180,15 +140,7 @@ def new_figure(title: str, subtitle: str = "", *, height: float, width: float = 
 
 
 def footnote(figure: Figure, text: str) -> Text:
-    """A line at the foot of a figure that explains its bars, bands and dots.
-
-    Args:
-        figure: The figure.
-        text: The line.
-
-    Returns:
-        The text.
-    """
+    """A line at the foot of a figure that explains its bars, bands and dots."""
     w, h = figure.get_size_inches()
     return figure.text(0.15 / w, 0.10 / h, text, va="bottom", fontsize=SMALL, color=MUTED, linespacing=1.3)
 
@@ -206,7 +158,7 @@ def panel_grid(
     above: float = 0.65,
     heights: Sequence[float] | None = None,
 ) -> NDArray[Any]:
-    """Axes at exact places.
+    """Axes (rows, columns) within margins, with gaps `between` columns and `above` rows, all in inches.
 
     Args:
         figure: The figure.
@@ -219,52 +171,30 @@ def panel_grid(
         between: Gap between columns [in].
         above: Gap between rows [in].
         heights: Relative heights of the rows; equal if None.
-
-    Returns:
-        The axes (rows, columns).
     """
     w, h = figure.get_size_inches()
     share = np.ones(rows) if heights is None else np.asarray(heights, dtype=float)
     tall = share / share.sum() * (h - top - bottom - above * (rows - 1))
     wide = (w - left - right - between * (columns - 1)) / columns
     axes = np.empty((rows, columns), dtype=object)
-    y = h - top
-    for i in range(rows):
-        y -= tall[i]
-        for j in range(columns):
-            axes[i, j] = figure.add_axes(((left + j * (wide + between)) / w, y / h, wide / w, tall[i] / h))
-        y -= above
+    for i, j in np.ndindex(axes.shape):
+        x, y = left + j * (wide + between), h - top - tall[: i + 1].sum() - above * i
+        axes[i, j] = figure.add_axes((x / w, y / h, wide / w, tall[i] / h))
     return axes
 
 
 def axes_inches(ax: Axes) -> tuple[float, float]:
-    """Width and height of axes.
-
-    Args:
-        ax: The axes.
-
-    Returns:
-        Width and height [in].
-    """
+    """Width and height of axes [in]."""
     figure = ax.get_figure(root=True)
     assert figure is not None
-    box, (w, h) = ax.get_position(), figure.get_size_inches()
-    return float(box.width * w), float(box.height * h)
+    width, height = ax.get_position().size * figure.get_size_inches()
+    return float(width), float(height)
 
 
 def spread(wanted: Sequence[float], gap: float, low: float = -np.inf, high: float = np.inf) -> Array:
     """Positions nearest to the wanted ones (least squares) that are at least a gap apart, in the same order.
 
-    They come from an isotonic regression, and are then kept within limits.
-
-    Args:
-        wanted: The wanted positions.
-        gap: The least distance between two.
-        low: The lower limit.
-        high: The upper limit.
-
-    Returns:
-        The positions, in the order of the wanted ones.
+    They come from an isotonic regression, and are then kept between `low` and `high`.
     """
     order = np.argsort(wanted, kind="stable")
     target = np.asarray(wanted, dtype=float)[order] - gap * np.arange(len(order))
@@ -276,14 +206,7 @@ def spread(wanted: Sequence[float], gap: float, low: float = -np.inf, high: floa
 
 
 def halo(text: Text) -> Text:
-    """A text with a white rim, readable over lines.
-
-    Args:
-        text: The text.
-
-    Returns:
-        The same text.
-    """
+    """The text, with a white rim that makes it readable over lines."""
     text.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
     return text
 
@@ -295,9 +218,6 @@ def label_ends(ax: Axes, ends: Iterable[tuple[float, float, str, str]], *, size:
         ax: The axes, with limits and scales already set.
         ends: x, y (data units), text and colour at each line's end; those whose y is not finite are left out.
         size: Size of the text [pt].
-
-    Returns:
-        The texts.
     """
     kept = [end for end in ends if np.isfinite(end[1])]
     if not kept:
@@ -307,43 +227,29 @@ def label_ends(ax: Axes, ends: Iterable[tuple[float, float, str, str]], *, size:
     at = np.array([to_axes.transform((x, y)) for x, y, _, _ in kept])
     at[:, 1] = np.clip(at[:, 1], 0, 1)
     place = spread(list(at[:, 1]), 1.35 * size / 72 / height, 0.0, 1.0)
+    leader: dict[str, Any] = {"lw": 0.7, "alpha": 0.6, "clip_on": False, "zorder": 1, "label": "_leader"}
     texts = []
     for (x, y), to, (_, _, text, color) in zip(at, place, kept, strict=True):
-        ax.plot(
-            [x, 1 + 0.04 / width, 1 + 0.14 / width],
-            [y, y, to],
-            color=color,
-            lw=0.7,
-            alpha=0.6,
-            transform=ax.transAxes,
-            clip_on=False,
-            zorder=1,
-            label="_leader",
-        )
-        texts.append(
-            ax.text(
-                1 + 0.18 / width,
-                to,
-                text,
-                color=color,
-                fontsize=size,
-                va="center",
-                transform=ax.transAxes,
-                weight="normal" if color == MUTED else "bold",
-            )
-        )
+        bends = [x, 1 + 0.04 / width, 1 + 0.14 / width]
+        ax.plot(bends, [y, y, to], color=color, transform=ax.transAxes, **leader)
+        weight = "normal" if color == MUTED else "bold"
+        form: dict[str, Any] = {"color": color, "fontsize": size, "va": "center", "weight": weight}
+        texts.append(ax.text(1 + 0.18 / width, to, text, transform=ax.transAxes, **form))
     return texts
 
 
-def key_row(figure: Figure, entries: Sequence[tuple[Any, str]], *, y: float, x: float = 0.15) -> None:
-    """Draw a legend in one row.
+def sample(color: str = INK, **form: Any) -> Line2D:
+    """A handle for `key_row`: a line, or with `marker` a marker alone.
 
     Args:
-        figure: The figure.
-        entries: Handles with their texts.
-        y: Its upper edge, from the top of the figure [in].
-        x: Its left edge [in].
+        color: Its colour.
+        **form: As of `Line2D`.
     """
+    return Line2D([], [], color=color, **({"ls": "none"} if "marker" in form else {}) | form)
+
+
+def key_row(figure: Figure, entries: Sequence[tuple[Any, str]], *, y: float, x: float = 0.15) -> None:
+    """Draw a legend in one row: handles with their texts, `y` inches below the top and `x` from the left."""
     w, h = figure.get_size_inches()
     legend = figure.legend(
         [handle for handle, _ in entries],
@@ -361,31 +267,10 @@ def key_row(figure: Figure, entries: Sequence[tuple[Any, str]], *, y: float, x: 
 
 
 def number(value: float, digits: int = 3) -> str:
-    """A number with so many significant digits, without an exponent for everyday sizes.
-
-    Args:
-        value: The number.
-        digits: Significant digits.
-
-    Returns:
-        The text, "none" for a value that is not finite.
-    """
+    """A number with so many significant digits, without an exponent for everyday sizes; "none" if it is not finite."""
     if not np.isfinite(value):
         return "none"
     if value == 0 or 1e-3 <= abs(value) < 1e5:
         decimals = max(0, digits - 1 - int(np.floor(np.log10(abs(value))))) if value else 0
         return f"{value:.{decimals}f}".replace("-", "−")
     return f"{value:.{digits - 1}e}".replace("-", "−")
-
-
-def fixed(value: float, decimals: int = 2) -> str:
-    """A number with so many decimals; what rounds to zero has no sign.
-
-    Args:
-        value: The number.
-        decimals: Decimals.
-
-    Returns:
-        The text.
-    """
-    return f"{round(value, decimals) + 0.0:.{decimals}f}".replace("-", "−")

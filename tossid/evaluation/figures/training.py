@@ -14,6 +14,8 @@ from tossid.evaluation.figures.style import (
     INK,
     LOOKS,
     MUTED,
+    RULE,
+    SPARE,
     footnote,
     halo,
     label_ends,
@@ -26,17 +28,16 @@ from tossid.evaluation.figures.style import (
 if TYPE_CHECKING:
     from tossid.models import EpochRecord
 
-_PARTS = {
+PARTS = {
     "prediction": "#0072B2",
     "complementarity": "#D55E00",
     "dissipation": "#009E73",
     "penetration": "#C28E00",
     "residual": "#CC79A7",
 }
-_SPARE = ("#56B4E9", "#7B4B94", "#8C6D1F", "#444444")
+"""Colours of the loss's parts."""
 SUBTITLE = "Losses [m²/s²; rollouts: squared half widths and rad]; a ring: the lowest validation loss of a stage, kept"
-_NO_LOSS = frozenset({"unsolved"})
-_DECADES = 7.0
+DECADES = 7.0
 """Parts smaller than this many decades under the largest are drawn at the panel's foot, not to scale."""
 
 
@@ -51,9 +52,6 @@ def training_curves(history: Sequence[EpochRecord], *, title: str = "Training") 
         history: Records of the epochs, in order (N,).
         title: The figure's title.
 
-    Returns:
-        The figure.
-
     Raises:
         InputError: There are no epochs.
     """
@@ -62,40 +60,36 @@ def training_curves(history: Sequence[EpochRecord], *, title: str = "Training") 
     epoch = np.arange(1, len(history) + 1)
     train = np.array([record.train_loss for record in history])
     validation = np.array([record.validation_loss for record in history])
-    names = list(dict.fromkeys(n for record in history for n in record.parts if n not in _NO_LOSS))
-    stages = _stages(history)
-    unsolved = max(record.parts.get("unsolved", 0.0) for record in history)
+    unsolved = max(record.parts.get("unsolved", 0.0) for record in history)  # a count, and no part of the loss
+    names = [name for name in dict.fromkeys(n for record in history for n in record.parts) if name != "unsolved"]
+    starts = [i for i, record in enumerate(history) if i == 0 or record.stage != history[i - 1].stage]
+    stages = [(history[a].stage, a, b) for a, b in zip(starts, [*starts[1:], len(history)], strict=True)]
 
     figure = new_figure(title, SUBTITLE, height=6.2)
-    upper, lower = panel_grid(figure, 2, 1, left=1.0, right=1.55, top=0.98, bottom=0.85, above=0.5, heights=[1.15, 1])[
-        :, 0
-    ]
-
-    kept = []
+    margins = {"left": 1.0, "right": 1.55, "top": 0.98, "bottom": 0.85, "above": 0.5}
+    upper, lower = panel_grid(figure, 2, 1, heights=[1.15, 1], **margins)[:, 0]
+    blue, kept = LOOKS["cnrp"].color, []
     for name, first, last in stages:
         upper.plot(epoch[first:last], train[first:last], color=INK, marker=".", label="training")
-        upper.plot(epoch[first:last], validation[first:last], color=LOOKS["cnrp"].color, marker=".", label="validation")
+        upper.plot(epoch[first:last], validation[first:last], color=blue, marker=".", label="validation")
         k = first + int(np.nanargmin(validation[first:last]))
-        upper.plot(epoch[k], validation[k], "o", ms=10, mfc="none", mec=LOOKS["cnrp"].color, label="_kept")
+        upper.plot(epoch[k], validation[k], "o", ms=10, mfc="none", mec=blue, label="_kept")
         kept.append(f"{name} {number(validation[k])} at epoch {k + 1}")
-    upper.set_ylabel("loss [stage's unit]")
-    upper.set_title("Loss")
     _log_limits(upper, np.concatenate([train, validation]), decades=np.inf)
 
-    spare = iter(_SPARE)
-    colors = {name: _PARTS.get(name) or next(spare, MUTED) for name in names}
+    spare = (color for color, _ in SPARE)
+    colors = {name: PARTS.get(name) or next(spare, MUTED) for name in names}
     curves = {name: np.array([record.parts.get(name, np.nan) for record in history]) for name in names}
-    _log_limits(lower, np.concatenate(list(curves.values())) if curves else np.ones(1), decades=_DECADES)
+    _log_limits(lower, np.concatenate(list(curves.values())) if curves else np.ones(1), decades=DECADES)
     floor = lower.get_ylim()[0]
     for name, values in curves.items():
-        shown = np.where(np.isfinite(values), np.maximum(values, floor), np.nan)
+        drawn = np.where(np.isfinite(values), np.maximum(values, floor), np.nan)
         for _, first, last in stages:
-            lower.plot(epoch[first:last], shown[first:last], color=colors[name], marker=".", label=name)
-    lower.set_title("Parts of the training loss")
-    lower.set_ylabel("part of the loss [stage's unit]")
-    upper.tick_params(labelbottom=False)
-    lower.set_xlabel("epoch [count]")
+            lower.plot(epoch[first:last], drawn[first:last], color=colors[name], marker=".", label=name)
 
+    upper.set(title="Loss", ylabel="loss [stage's unit]")
+    lower.set(title="Parts of the training loss", ylabel="part of the loss [stage's unit]", xlabel="epoch [count]")
+    upper.tick_params(labelbottom=False)
     for ax in (upper, lower):
         ax.set_xlim(0.5, len(history) + 0.5)
         ax.xaxis.set_major_locator(MaxNLocator(8, integer=True, min_n_ticks=1))
@@ -103,26 +97,17 @@ def training_curves(history: Sequence[EpochRecord], *, title: str = "Training") 
             if i % 2:
                 ax.axvspan(first + 0.5, last + 0.5, color="#f3f5f8", lw=0, zorder=0)
             if i:
-                ax.axvline(first + 0.5, color="#9aa0a8", lw=0.8, zorder=1)
+                ax.axvline(first + 0.5, color=RULE, lw=0.8, zorder=1)
             if ax is upper and len(stages) > 1:
-                text = ax.text(
-                    first + 0.5,
-                    0.985 - 0.085 * (i % 2),
-                    f" {name}",
-                    transform=ax.get_xaxis_transform(),
-                    va="top",
-                    style="italic",
-                )
-                halo(text).set_color(MUTED)
-    label_ends(
-        upper, [(epoch[-1], train[-1], "training", INK), (epoch[-1], validation[-1], "validation", LOOKS["cnrp"].color)]
-    )
+                form: dict[str, Any] = {"transform": ax.get_xaxis_transform(), "va": "top", "style": "italic"}
+                halo(ax.text(first + 0.5, 0.985 - 0.085 * (i % 2), f" {name}", **form)).set_color(MUTED)
+    label_ends(upper, [(epoch[-1], train[-1], "training", INK), (epoch[-1], validation[-1], "validation", blue)])
+    lasts = {name: values[np.isfinite(values)][-1] for name, values in curves.items()}
     label_ends(
         lower,
         [
             (epoch[-1], max(last, floor), name if last > floor else f"{name} (≈ 0)", colors[name])
-            for name, values in curves.items()
-            for last in [values[np.isfinite(values)][-1]]
+            for name, last in lasts.items()
         ],
     )
     note = f"Kept: {'; '.join(kept)}."
@@ -130,12 +115,6 @@ def training_curves(history: Sequence[EpochRecord], *, title: str = "Training") 
         note += f" Unsolved inner problems: at most {unsolved:g} in an epoch."
     footnote(figure, note)
     return figure
-
-
-def _stages(history: Sequence[EpochRecord]) -> list[tuple[str, int, int]]:
-    """(name, first, one past the last) of each run of epochs of one stage."""
-    starts = [i for i, record in enumerate(history) if i == 0 or record.stage != history[i - 1].stage]
-    return [(history[a].stage, a, b) for a, b in zip(starts, [*starts[1:], len(history)], strict=True)]
 
 
 def _log_limits(ax: Any, values: np.ndarray, *, decades: float) -> None:

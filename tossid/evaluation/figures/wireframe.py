@@ -13,7 +13,7 @@ from tossid.rotations import quat_rotate
 
 Array = NDArray[np.float64]
 
-_FLAT_COS = 0.999
+FLAT_COS = 0.999
 """Facets whose normals are closer than this (cosine) are one face."""
 
 
@@ -31,28 +31,17 @@ class Wireframe:
     normals: Array
 
     def visible(self, quat: Array, toward: Array) -> NDArray[np.bool_]:
-        """Whether each edge is on the viewer's side.
+        """Whether each edge (n_e,) is on the viewer's side.
 
         Args:
             quat: The body's orientation (4,), wxyz.
             toward: Direction to the viewer (3,), in the world.
-
-        Returns:
-            True where it is (n_e,).
         """
-        facing: Array = quat_rotate(quat, self.normals) @ toward
-        return np.asarray(np.any(facing > -1e-9, axis=1))
+        return np.asarray(np.any(quat_rotate(quat, self.normals) @ toward > -1e-9, axis=1))
 
 
 def wireframe(corners: Array) -> Wireframe:
-    """The wireframe of a body.
-
-    Args:
-        corners: Its corners (n, 3) [m]; if they span no volume, each is joined to each.
-
-    Returns:
-        The wireframe.
-    """
+    """The wireframe of a body with corners (n, 3) [m]; if they span no volume, each is joined to each."""
     try:
         hull = ConvexHull(corners)
     except (QhullError, ValueError):
@@ -64,15 +53,14 @@ def wireframe(corners: Array) -> Wireframe:
             i, j = sorted((int(simplex[a]), int(simplex[(a + 1) % 3])))
             facets.setdefault((i, j), []).append(f)
     outward = hull.equations[:, :3]
-    sharp = {e: fs for e, fs in facets.items() if outward[fs[0]] @ outward[fs[-1]] < _FLAT_COS}
-    return Wireframe(
-        np.array(list(sharp), dtype=np.int64), np.array([[outward[f[0]], outward[f[-1]]] for f in sharp.values()])
-    )
+    sharp = {e: fs for e, fs in facets.items() if outward[fs[0]] @ outward[fs[-1]] < FLAT_COS}
+    normals = np.array([[outward[f[0]], outward[f[-1]]] for f in sharp.values()])
+    return Wireframe(np.array(list(sharp), dtype=np.int64), normals)
 
 
 @dataclass(frozen=True)
 class View:
-    """An orthographic view.
+    """An orthographic view: called with points (..., 3), it gives their places on paper (..., 2), right and up.
 
     Attributes:
         plane: Directions to the right and up on paper (2, 3).
@@ -83,14 +71,7 @@ class View:
     toward: Array
 
     def __call__(self, points: Array) -> Array:
-        """Points on paper.
-
-        Args:
-            points: Points (..., 3).
-
-        Returns:
-            Their places (..., 2), to the right and up.
-        """
+        """Places on paper (..., 2) of points (..., 3)."""
         return points @ self.plane.T
 
 
@@ -100,27 +81,16 @@ def view_from(azimuth: float, elevation: float) -> View:
     Args:
         azimuth: Direction of the viewer, 0 for +x, π/2 for +y [rad].
         elevation: Height of the viewer over the horizon [rad].
-
-    Returns:
-        The view.
     """
     ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
     return View(np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce]]), np.array([ce * ca, ce * sa, se]))
 
 
 def posed(model: ObjectModel, q: Array) -> list[tuple[Array, Array]]:
-    """The bodies of an object in a configuration.
-
-    Args:
-        model: The object.
-        q: The configuration (nq,).
-
-    Returns:
-        For each body, its corners in the world (n, 3) [m] and its orientation (4,), wxyz.
-    """
+    """For each body in a configuration (nq,), its corners in the world (n, 3) [m] and its orientation (4,), wxyz."""
     position, quat = body_poses(model, q)
-    model = model.drawn
+    drawn = model.drawn
     return [
-        (position[b] + quat_rotate(quat[b], model.corner_pos[model.corner_body == b]), quat[b])
+        (position[b] + quat_rotate(quat[b], drawn.corner_pos[drawn.corner_body == b]), quat[b])
         for b in range(model.n_bodies)
     ]

@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tossid.evaluation.figures.accelerations import _mass_and_jacobian, accelerations_over_toss
+from tossid.evaluation.accelerations import accelerations_over_toss
 from tossid.models.implicit import LossWeights
-from tossid.motion import corner_velocities
 from tossid.objects import ObjectModel
 from tossid.physics import System, make_system, no_learned_acceleration, simulate
-from tossid.physics.tree import kinematics, make_work, mass_matrix
 from tossid.rotations import quat_normalize
 from tossid.types import Phase, Toss
 
@@ -41,16 +39,21 @@ def own_toss(system: System, model: ObjectModel, *, frames: int) -> tuple[Toss, 
     return toss, pushes / (model.mass.sum() * dt)
 
 
-def test_impulses_and_the_missing_gravity_of_own_rollouts_are_recovered(cube: ObjectModel) -> None:
-    system = missing_half(cube)
-    toss, pushed = own_toss(system, cube, frames=110)
-    parts = accelerations_over_toss(system, cube, toss, weights=LossWeights(complementarity=1e-4, dissipation=1e-4))
+@pytest.mark.parametrize("name", ["cube", "elbow"])
+def test_impulses_and_the_missing_gravity_of_own_rollouts_are_recovered(
+    name: str, request: pytest.FixtureRequest
+) -> None:
+    model = request.getfixturevalue(name)
+    system = missing_half(model)
+    toss, pushed = own_toss(system, model, frames=110)
+    parts = accelerations_over_toss(system, model, toss, weights=LossWeights(complementarity=1e-4, dissipation=1e-4))
     np.testing.assert_allclose(parts.given, -4.905)
     np.testing.assert_allclose(parts.residual, -4.905, atol=1e-9)
     np.testing.assert_allclose(parts.contact, pushed, atol=0.05)
-    np.testing.assert_allclose(parts.given + parts.residual + parts.contact, parts.measured, atol=0.05)
+    if not model.n_joints:  # links' centre of mass changes its place within an interval of an impact
+        np.testing.assert_allclose(parts.given + parts.residual + parts.contact, parts.measured, atol=0.05)
+        assert parts.contact[-1] == pytest.approx(9.81, abs=0.05), "and the ground carries it"
     assert parts.contact.max() > 50, "it lands"
-    assert parts.contact[-1] == pytest.approx(9.81, abs=0.05), "and the ground carries it"
     touched = toss.phase == Phase.SLIDE
     np.testing.assert_array_equal(parts.separable, ~(touched[1:] | touched[:-1]))
 
@@ -65,16 +68,3 @@ def test_noise_of_heights_does_not_become_contact(cube: ObjectModel) -> None:
     parts = accelerations_over_toss(system, cube, tracked)
     np.testing.assert_allclose(parts.contact[-10:], 9.81, atol=0.2)
     assert parts.contact[:5].max() == 0, "in the air nothing carries"
-
-
-def test_mass_matrix_and_jacobian_are_those_of_the_simulator(elbow: ObjectModel) -> None:
-    system = make_system(elbow)
-    toss, _ = own_toss(system, elbow, frames=5)
-    M, J = _mass_and_jacobian(system, toss)
-    work = make_work(system)
-    for k in range(5):
-        kinematics(system, toss.q[k], work)
-        mass_matrix(system, work)
-        np.testing.assert_allclose(M[k], work.M, atol=1e-12)
-    moving = np.einsum("ncij,nj->nci", J, toss.v[:-1])
-    np.testing.assert_allclose(moving, corner_velocities(elbow, toss.q[:-1], toss.v[:-1]), atol=1e-12)

@@ -1,4 +1,4 @@
-"""Errors over tosses and along rollouts: what is drawn is what the metrics say."""
+"""Errors over tosses and along rollouts are what the metrics say; witnesses of a recording are drawn in its order."""
 
 from __future__ import annotations
 
@@ -11,12 +11,19 @@ from scipy.stats import norm
 from tests.evaluation.figures.motions import toss_and_rollout
 from tests.evaluation.figures.reading import assert_legible, bars, line, lines, titled, words
 from tossid.errors import InputError
-from tossid.evaluation.figures import ErrorsAlong, errors_along, errors_along_rollout, errors_over_tosses
-from tossid.evaluation.figures.errors import mean_band
+from tossid.evaluation.figures import (
+    ErrorsAlong,
+    errors_along,
+    errors_along_rollout,
+    errors_over_tosses,
+    recording_over_order,
+)
+from tossid.evaluation.figures.tosses import mean_band
 from tossid.evaluation.metrics import summarize
 from tossid.motion import flight_frames
 from tossid.objects import ObjectModel
-from tossid.types import Rollout, Toss
+from tossid.rotations import quat_exp
+from tossid.types import RecordingOrder, Rollout, Session, Toss
 
 
 @dataclass
@@ -48,34 +55,23 @@ def test_every_toss_is_a_dot_and_intervals_are_those_of_the_metrics() -> None:
     assert {"demo_017", "demo_056"} <= set(texts)
     assert "demo_000" not in texts
     assert_legible(figure)
-
-
-def test_dots_of_equal_errors_lie_side_by_side() -> None:
     same = Errors(np.full(9, 5.0), np.full(9, 5.0))
     dots = line(titled(errors_over_tosses({"cn": same}, list("abcdefghi")), "Position"), "cn")
-    assert len(np.unique(dots.get_xdata())) == 9
+    assert len(np.unique(dots.get_xdata())) == 9, "dots of equal errors lie side by side"
 
 
-def test_what_is_not_finite_is_counted() -> None:
-    broken = scores(10, seed=0)
-    broken.position_error_pct[3] = np.inf
-    figure = errors_over_tosses({"e2e": broken}, [str(i) for i in range(10)])
-    assert len(line(titled(figure, "Position"), "e2e").get_ydata()) == 9
-    assert "left out: 1 values" in words(figure)
-
-
-def test_an_exploding_model_does_not_squash_the_rest() -> None:
+def test_what_is_not_finite_is_counted_and_what_explodes_does_not_squash_the_rest() -> None:
     given = {"cn": scores(30, seed=0), "e2e": scores(30, seed=1)}
-    given["e2e"].position_error_pct[4] = 1e5
-    figure = errors_over_tosses(given, [str(i) for i in range(30)])
-    assert titled(figure, "Position").get_yscale() == "log"
-    assert titled(figure, "Rotation").get_yscale() == "linear"
+    given["e2e"].position_error_pct[[3, 4]] = np.inf, 1e5
+    names = [str(i) for i in range(30)]
+    figure = errors_over_tosses(given, names)
+    position = titled(figure, "Position")
+    assert len(line(position, "e2e").get_ydata()) == 29
+    assert "left out: 1 values" in words(figure)
+    assert (position.get_yscale(), titled(figure, "Rotation").get_yscale()) == ("log", "linear")
     assert_legible(figure)
-
-
-def test_names_and_scores_are_of_the_same_tosses() -> None:
-    with pytest.raises(InputError, match="cn has scores of 10 tosses, there are 9 names"):
-        errors_over_tosses({"cn": scores(10, seed=0)}, list("abcdefghi"))
+    with pytest.raises(InputError, match="cn has scores of 30 tosses, there are 29 names"):
+        errors_over_tosses(given, names[1:])
 
 
 def test_errors_are_lined_up_at_first_contact(cube: ObjectModel) -> None:
@@ -126,16 +122,33 @@ def test_curves_are_means_and_bands_are_their_intervals() -> None:
     assert_legible(figure)
 
 
-def test_one_toss_has_no_mean_error(cube: ObjectModel) -> None:
+def test_few_tosses_are_drawn_one_by_one_and_one_has_no_mean_error(cube: ObjectModel) -> None:
     toss, run = toss_and_rollout(cube)
-    figure = errors_along_rollout({"cn": errors_along([toss], [run], cube)})
-    assert "fewer than two tosses" in words(figure)
-
-
-def test_few_tosses_are_drawn_one_by_one(cube: ObjectModel) -> None:
-    toss, run = toss_and_rollout(cube)
-    figure = errors_along_rollout({"cn": errors_along([toss, toss], [run, run], cube)})
-    position = figure.axes[0]
+    position = errors_along_rollout({"cn": errors_along([toss, toss], [run, run], cube)}).axes[0]
     assert len(lines(position, "_toss")) == 2
     assert not position.collections, "two tosses have no band worth drawing"
     np.testing.assert_allclose(line(position, "cn").get_ydata(), 100 * 0.010 / 0.1048)
+    assert "fewer than two tosses" in words(errors_along_rollout({"cn": errors_along([toss], [run], cube)}))
+
+
+def test_each_witness_is_drawn_over_order_and_place_with_its_sessions() -> None:
+    rng = np.random.default_rng(0)
+    values = rng.normal(size=(6, 3))
+    values[2, 1] = np.nan
+    order = RecordingOrder(
+        (Session("a", "c", 3, (0.04, -0.02), (0.001, 0.002), levelled=True), Session("d", "f", 3)),
+        "times",
+        tuple("abcdef"),
+        ("fall_x", "fall_y", "height"),
+        values,
+        rng.normal(size=(6, 2)),
+        quat_exp(0.1 * rng.normal(size=(6, 3))),
+        rng.normal(size=6),
+        np.repeat([0, 1], 3),
+    )
+    figure = recording_over_order(order)
+    first = {ax.get_ylabel(): ax for ax in figure.axes if ax.get_ylabel()}
+    np.testing.assert_allclose(first["fall [°]"].lines[1].get_ydata(), np.rad2deg(values[:, 1]))
+    np.testing.assert_allclose(first["resting height [mm]"].lines[0].get_ydata(), 1e3 * values[:, 2])
+    assert first["fall [°]"].lines[-1].get_xdata()[0] == 2.5, "where the second session begins"
+    assert "2 sessions" in words(figure)
