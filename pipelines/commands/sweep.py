@@ -26,10 +26,9 @@ from pipelines.tracking.runs import find_runs
 from tossid.errors import ConfigError, TossidError
 from tossid.evaluation.evaluate import metric_means
 from tossid.models import EpochRecord
-from tossid.outputs import only_writer
+from tossid.outputs import only_writer, write_whole
 from tossid.plain_json import digest_of
 from tossid.studies.cells import CellResult, StudyCell, StudyData
-from tossid.studies.kept import write_text
 from tossid.studies.result import Study
 from tossid.studies.study import StudyPlan, plan_study
 
@@ -167,7 +166,7 @@ class CellRuns:
 
     def _note(self) -> None:
         noted = {"run": self._parent.id, "cells": self._of_cell}
-        write_text(self._study.folder / RUNS, json.dumps(noted, indent=1) + "\n")
+        write_whole(self._study.folder / RUNS, (json.dumps(noted, indent=1) + "\n").encode())
 
 
 def _noted(folder: Path) -> dict[str, Any]:

@@ -1,8 +1,9 @@
-"""Cells of a study: which there are, what identifies them, and how one is computed."""
+"""Cells of a study: which there are, what identifies them, how one is computed, and where it is kept."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
@@ -11,12 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from tossid.code_digest import code_digest
 from tossid.errors import ConfigError, FileError
 from tossid.evaluation.evaluate import evaluate
 from tossid.models import variant
 from tossid.models.checkpoints import checkpoint_bytes
+from tossid.outputs import write_whole
 from tossid.plain_json import digest_of, jsonable
 from tossid.settings.changed import changed
 from tossid.settings.training import ModelSettings, TrainSettings
@@ -24,8 +27,10 @@ from tossid.store import Dataset, file_sha256, read_dataset
 from tossid.training.api import train
 
 SCHEMA = "tossid.cell/1"
-_COMPUTES = ("tossid.training.api", "tossid.evaluation.evaluate")
+COMPUTED_BY = ("tossid.training.api", "tossid.evaluation.evaluate")
 """The modules of the two calls of `compute_cell`: a cell is kept under the digest of their code."""
+CELL, CHECKPOINT, CONFIG = "cell.json", "checkpoint.pt", "config.yaml"
+"""Names of a cell's files: its numbers, its model, its settings."""
 
 
 @dataclass(frozen=True)
@@ -78,10 +83,7 @@ class StudyData:
 
     @classmethod
     def of(cls, data: str | Path | Dataset) -> StudyData:
-        """The tosses of a file, or of a dataset in memory.
-
-        Args:
-            data: A dataset or the path of its file. A file is read by every worker for itself.
+        """The tosses of a dataset in memory, or of a file, which every worker reads for itself.
 
         Raises:
             FileError: The file is no dataset.
@@ -100,6 +102,14 @@ class StudyData:
             return self.dataset
         assert self.path is not None
         return _read(self.path, self.sha256)
+
+
+@lru_cache(maxsize=1)
+def _read(path: Path, sha256: str) -> Dataset:
+    """A worker's dataset."""
+    if file_sha256(path) != sha256:
+        raise FileError(path, "is not the file that the study began with; its workers must see the same one there")
+    return read_dataset(path)
 
 
 @dataclass(frozen=True)
@@ -140,11 +150,11 @@ def study_cells(
         ConfigError: Nothing is swept, a value stands twice, or the key is no setting or out of range.
     """
     named = models if isinstance(models, Mapping) else {name: name for name in models}
-    for what, asked in (("values", values), ("models", models), ("seeds", seeds)):
-        if not len(asked):
-            raise ConfigError(what, "is empty; a study needs at least one.")
-        if len(set(asked)) < len(asked):
-            raise ConfigError(what, "names one twice.")
+    for name, given in (("values", values), ("models", models), ("seeds", seeds)):
+        if not len(given):
+            raise ConfigError(name, "is empty; a study needs at least one.")
+        if len(set(given)) < len(given):
+            raise ConfigError(name, "names one twice.")
     cells = []
     for name, model in named.items():
         of_model = replace(settings, model=variant(model) if isinstance(model, str) else model)
@@ -156,13 +166,7 @@ def study_cells(
 
 
 def study_cell(
-    model: str,
-    key: str,
-    value: float,
-    settings: TrainSettings,
-    sha256: str,
-    *,
-    keys: Mapping[str, Any] | None = None,
+    model: str, key: str, value: float, settings: TrainSettings, sha256: str, *, keys: Mapping[str, Any] | None = None
 ) -> StudyCell:
     """A cell with its digest.
 
@@ -175,17 +179,13 @@ def study_cell(
         keys: What is written beside its checkpoint; None for the settings.
     """
     alone = replace(settings, threads=1)  # which changes no number
-    digest = digest_of([SCHEMA, asdict(alone), sha256, code_digest(*_COMPUTES)])
-    shown = jsonable(asdict(settings)) if keys is None else keys
-    return StudyCell(model, settings.seed, key.rpartition(".")[2], value, alone, digest, shown)
+    digest = digest_of([SCHEMA, asdict(alone), sha256, code_digest(*COMPUTED_BY)])
+    written = jsonable(asdict(settings)) if keys is None else keys
+    return StudyCell(model, settings.seed, key.rpartition(".")[2], value, alone, digest, written)
 
 
 def compute_cell(cell: StudyCell, data: StudyData) -> CellResult:
     """Train on the training tosses, evaluate on the test tosses, in one thread.
-
-    Args:
-        cell: The cell.
-        data: What it learns from.
 
     Raises:
         FileError: The data's file is not the one that the study began with.
@@ -200,23 +200,40 @@ def compute_cell(cell: StudyCell, data: StudyData) -> CellResult:
     return CellResult(scores, [asdict(record) for record in trained.history], checkpoint_bytes(kept))
 
 
-@lru_cache(maxsize=1)
-def _read(path: Path, sha256: str) -> Dataset:
-    """A worker's dataset."""
-    if file_sha256(path) != sha256:
-        raise FileError(path, "is not the file that the study began with; its workers must see the same one there")
-    return read_dataset(path)
+def find_cell(cell: StudyCell, folder: Path) -> CellResult | None:
+    """A cell that a study in a folder, or in one beside it, has computed from the same settings, data and code.
+
+    None where it is not there, or not whole.
+    """
+    for path in sorted(folder.parent.glob(f"*/cells/{cell.name}/{CELL}")):
+        try:
+            found = json.loads(path.read_text())
+        except (OSError, ValueError):
+            continue
+        if isinstance(found, dict) and found.get("schema") == SCHEMA and found.get("digest") == cell.digest:
+            return CellResult(found["result"], found["history"], path.parent / CHECKPOINT)
+    return None
+
+
+def keep_cell(cell: StudyCell, computed: CellResult, folder: Path) -> CellResult:
+    """Write a cell and its result into a study's folder; returns the result as `find_cell` will find it.
+
+    Its checkpoint and settings come first, and last, as the sign that all is there, its numbers.
+    """
+    assert isinstance(computed.checkpoint, bytes)
+    place = folder / "cells" / cell.name
+    content = {"schema": SCHEMA, "digest": cell.digest, "result": computed.scores, "history": computed.history}
+    content = jsonable(content)
+    write_whole(place / CHECKPOINT, computed.checkpoint)
+    write_whole(place / CONFIG, yaml.safe_dump(dict(cell.keys), sort_keys=False, allow_unicode=True).encode())
+    write_whole(place / CELL, (json.dumps(content, indent=1) + "\n").encode())
+    return CellResult(content["result"], content["history"], place / CHECKPOINT)
 
 
 def memory_sha256(dataset: Dataset) -> str:
-    """SHA-256 of the object and of all that the tosses of a dataset in memory hold.
-
-    Args:
-        dataset: The dataset.
-    """
+    """SHA-256 of the object and of all that the tosses of a dataset in memory hold."""
     found = hashlib.sha256()
-    for part in (dataset.object, dataset.rate_hz, *dataset.tosses):
-        _feed(found, part)
+    _feed(found, (dataset.object, dataset.rate_hz, *dataset.tosses))
     return found.hexdigest()
 
 

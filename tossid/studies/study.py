@@ -17,8 +17,7 @@ from tossid.parallel import as_done
 from tossid.settings.changed import changed
 from tossid.settings.training import ModelSettings, TrainSettings
 from tossid.store import Dataset
-from tossid.studies.cells import CellResult, StudyCell, StudyData, compute_cell, study_cells
-from tossid.studies.kept import find_cell, keep_cell
+from tossid.studies.cells import CellResult, StudyCell, StudyData, compute_cell, find_cell, keep_cell, study_cells
 from tossid.studies.result import Study
 from tossid.studies.tables import study_row
 
@@ -28,18 +27,6 @@ EachCell = Callable[[StudyCell, CellResult | TossidError], Mapping[str, Any] | N
 """Called with each cell and what it gave, once; what it returns is added to the cell's row."""
 Outcomes = Iterator[tuple[StudyCell, CellResult | TossidError]]
 """Cells, each with what it gave."""
-
-
-class Begun(NamedTuple):
-    """A study whose missing cells are given to workers.
-
-    Attributes:
-        missing: These cells.
-        computed: They, as they are done.
-    """
-
-    missing: tuple[StudyCell, ...]
-    computed: Outcomes
 
 
 def study(
@@ -101,22 +88,23 @@ def plan_study(cells: Sequence[StudyCell], data: StudyData, *, folder: str | Pat
     dataset, where = data.read(), data.path or "the dataset"
     if not dataset.of_split("test"):
         raise InputError(f"{where}: no held-out tosses to evaluate on (split 'test')")
-    there = len(dataset.of_split("train"))
-    leak = leak_words(dataset.tosses)
+    available, leak = len(dataset.of_split("train")), leak_words(dataset.tosses)
     notes: tuple[str, ...] = () if leak is None else (f"{where}: {leak}",)
-    kept = tuple(cell for cell in cells if cell.settings.tosses is None or cell.settings.tosses <= there)
+    kept = tuple(cell for cell in cells if cell.settings.tosses is None or cell.settings.tosses <= available)
     left_out = sorted({cell.value for cell in cells} - {cell.value for cell in kept})
     if left_out:
-        notes += (f"{where} has {there} training tosses; left out: {', '.join(f'{value:g}' for value in left_out)}",)
+        values = ", ".join(f"{value:g}" for value in left_out)
+        notes += (f"{where} has {available} training tosses; left out: {values}",)
         if not kept:
             raise InputError(notes[-1])
     return StudyPlan(kept, data, None if folder is None else Path(folder), notes)
 
 
-def _how_much_is_learned(cell: StudyCell) -> int:
-    """In how many respects a cell's model learns: differences by parameters take most of a training's time."""
-    model = asdict(cell.settings.model)
-    return sum(bool(value) for name, value in model.items() if name.startswith("learn_"))
+class Begun(NamedTuple):
+    """A study whose missing cells are given to workers: these cells, and they as they are done."""
+
+    missing: tuple[StudyCell, ...]
+    computed: Outcomes
 
 
 @dataclass(frozen=True)
@@ -140,12 +128,7 @@ class StudyPlan:
         return tuple(cell for cell in self.cells if self._kept(cell) is None)
 
     def begin(self, missing: tuple[StudyCell, ...], submit: Submit | None) -> Begun:
-        """Give what is missing to workers, and do not wait for it; `run` goes on from there.
-
-        Args:
-            missing: Of `missing`.
-            submit: As of `study`.
-        """
+        """Give what is missing to workers (`submit` as of `study`), and do not wait; `run` goes on from there."""
         if submit is not None:  # the longest first, so that no worker is left with one of them at the end
             missing = tuple(sorted(missing, key=_how_much_is_learned, reverse=True))
         return Begun(missing, as_done(partial(compute_cell, data=self.data), missing, submit))
@@ -169,22 +152,21 @@ class StudyPlan:
         failed: list[dict[str, Any]] = []
         with nullcontext() if self.folder is None else only_writer(self.folder / "cells"):
             for cell, outcome in self._outcomes(self.begin(self.missing(), submit) if begun is None else begun):
-                more = None if each_cell is None else each_cell(cell, outcome)
+                more = (None if each_cell is None else each_cell(cell, outcome)) or {}
                 if isinstance(outcome, TossidError):
                     failed.append({**cell.label, "error": str(outcome)})
                 else:
-                    found[cell] = (outcome, more or {})
+                    found[cell] = outcome, more
         if not found:
             raise InputError(f"all {len(failed)} cells failed; the first: {failed[0]['error']}")
         dataset = self.data.read()
         done = [cell for cell in self.cells if cell in found]
-        rows = [
-            {
-                **study_row(cell.label, got.scores, got.history, settings=cell.settings.model, truth=dataset.object),
-                **more,
-            }
-            for cell, (got, more) in ((cell, found[cell]) for cell in done)
-        ]
+        rows = []
+        for cell in done:
+            outcome, more = found[cell]
+            settings = cell.settings.model
+            row = study_row(cell.label, outcome.scores, outcome.history, settings=settings, truth=dataset.object)
+            rows.append({**row, **more})
         checkpoints = tuple(found[cell][0].checkpoint for cell in done)
         return Study(done[0].swept, tuple(rows), tuple(failed), dataset.split("test"), checkpoints, self.notes)
 
@@ -195,10 +177,15 @@ class StudyPlan:
             if kept is not None:
                 yield cell, kept
         for cell, outcome in begun.computed:
-            if self.folder is None or isinstance(outcome, TossidError):
-                yield cell, outcome
-            else:
-                yield cell, keep_cell(cell, outcome, self.folder)
+            if self.folder is not None and isinstance(outcome, CellResult):
+                outcome = keep_cell(cell, outcome, self.folder)
+            yield cell, outcome
 
     def _kept(self, cell: StudyCell) -> CellResult | None:
         return None if self.folder is None else find_cell(cell, self.folder)
+
+
+def _how_much_is_learned(cell: StudyCell) -> int:
+    """In how many respects a cell's model learns: differences by parameters take most of a training's time."""
+    model = asdict(cell.settings.model)
+    return sum(bool(value) for name, value in model.items() if name.startswith("learn_"))

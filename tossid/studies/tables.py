@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from tossid.objects import GRAVITY, ObjectModel, corner_heights
+from tossid.evaluation.evaluate import PARTS
+from tossid.evaluation.metrics import depths
+from tossid.objects import GRAVITY, ObjectModel
 from tossid.physics.identifiable import base_parameters, order
 from tossid.settings.training import ModelSettings
 from tossid.types import Toss
@@ -27,6 +29,8 @@ SWEPT = {
     "hidden": "hidden units",
 }
 """What a swept value is called in a table's head."""
+PLAIN = ("n_tosses", "unsolved", "diverged", "epochs", "seconds", "validation_loss", "run")
+"""A row's numbers that are no metrics with intervals."""
 
 
 def study_row(
@@ -51,28 +55,23 @@ def study_row(
     return {**about, **scores, **errors, "validation_loss": validation_loss(history)}
 
 
-def csv_table(cells: Sequence[Row], swept: str) -> str:
-    """The cells as CSV: a row each, for every metric its mean and the ends of its 95 % interval.
+def _by_value(cells: Sequence[Row], swept: str) -> Iterator[tuple[str, float, list[Row]]]:
+    """Model, swept value, and the cells of all seeds with these."""
+    for model, value in dict.fromkeys((cell["model"], cell[swept]) for cell in cells):
+        yield model, value, [cell for cell in cells if (cell["model"], cell[swept]) == (model, value)]
 
-    Args:
-        cells: Of the study.
-        swept: The name of the swept value in a cell.
-    """
+
+def csv_table(cells: Sequence[Row], swept: str) -> str:
+    """The cells as CSV: a row each, for every metric its mean and the ends of its 95 % interval."""
     rows = []
     for cell in cells:
-        row = {"model": cell["model"], "seed": cell["seed"], swept: cell[swept]}
-        for prefix, metrics in (
-            ("", cell),
-            ("from_flight.", cell.get("from_flight", {})),
-            ("sixteen_steps.", cell.get("sixteen_steps", {})),
-        ):
+        row = {name: cell[name] for name in ("model", "seed", swept)}
+        for prefix, metrics in (("", cell), *((f"{part}.", cell.get(part, {})) for part in PARTS)):
             for name, value in metrics.items():
                 if isinstance(value, dict) and "ci95" in value:
                     ends = zip(("mean", "low", "high"), (value["mean"], *value["ci95"]), strict=True)
                     row |= {f"{prefix}{name}.{end}": number for end, number in ends}
-        known = ("n_tosses", "unsolved", "diverged", "epochs", "seconds", "validation_loss", "run")
-        row |= {name: cell[name] for name in (*known, "inertia_error_rel", "com_error_m") if name in cell}
-        rows.append(row)
+        rows.append(row | {n: cell[n] for n in (*PLAIN, "inertia_error_rel", "com_error_m") if n in cell})
     text = io.StringIO()
     writer = csv.DictWriter(text, list(dict.fromkeys(name for row in rows for name in row)), lineterminator="\n")
     writer.writeheader()
@@ -81,51 +80,42 @@ def csv_table(cells: Sequence[Row], swept: str) -> str:
 
 
 def markdown_table(cells: Sequence[Row], swept: str) -> str:
-    """A markdown row for each model and swept value: means over seeds of the metrics and of their intervals' ends.
-
-    Args:
-        cells: Of the study.
-        swept: The name of the swept value in a cell.
-    """
-    head = ["model", SWEPT.get(swept, swept)]
-    inertial = all("inertia_error_rel" in cell for cell in cells)
-    if inertial:
-        head += ["inertia off by [%]", "centre of mass off by [mm]"]
-    if swept == "gravity":
-        head += ["gravity found [m/s²]", "of what was missing [%]"]
-    head += ["position [%]", "rotation [deg]", "penetration [mm]", "from flight: position [%]", "rotation [deg]"]
-    jointed = all("joint_error_deg" in cell for cell in cells)
-    short = all("sixteen_steps" in cell for cell in cells)
-    head += ["joint [deg]", "acceleration in flight off by [%]"] if jointed else []
-    head += ["16 steps: position [%]", "rotation [deg]"] if short else []
-    head += ["joint [deg]"] if jointed and short else []
-    head += ["validation loss", "seconds"]
-    lines = [head, ["---"] * len(head)]
-    for model, value in dict.fromkeys((cell["model"], cell[swept]) for cell in cells):
-        same = [cell for cell in cells if (cell["model"], cell[swept]) == (model, value)]
-        row = [f"`{model}`", f"{value:g}"]
+    """A markdown row for each model and swept value: means over seeds of the metrics and of their intervals' ends."""
+    inertial, jointed, short = (
+        all(name in cell for cell in cells) for name in ("inertia_error_rel", "joint_error_deg", "sixteen_steps")
+    )
+    lines: list[dict[str, str]] = []
+    for model, value, same in _by_value(cells, swept):
+        # by column; a part's name in front keeps equal heads apart, and is left out of the head
+        row = {"model": f"`{model}`", SWEPT.get(swept, swept): f"{value:g}"}
         if inertial:
-            row += [
-                _range([100 * c["inertia_error_rel"] for c in same]),
-                _range([1e3 * c["com_error_m"] for c in same]),
-            ]
+            row["inertia off by [%]"] = _range([100 * c["inertia_error_rel"] for c in same])
+            row["centre of mass off by [mm]"] = _range([1e3 * c["com_error_m"] for c in same])
         if swept == "gravity":
-            found = float(np.mean([c["gravity_ms2"]["mean"] for c in same]))
-            missing = GRAVITY - value
-            row += [f"{found:.2f}", f"{100 * (found - value) / missing:.1f}" if abs(missing) > 1e-6 else "-"]
+            found, missing = float(np.mean([c["gravity_ms2"]["mean"] for c in same])), GRAVITY - value
+            row["gravity found [m/s²]"] = f"{found:.2f}"
+            share = f"{100 * (found - value) / missing:.1f}" if abs(missing) > 1e-6 else "-"
+            row["of what was missing [%]"] = share
         flown = [c["from_flight"] for c in same if "from_flight" in c]
-        row += [_metric(same, "position_error_pct"), _metric(same, "rotation_error_deg")]
-        row += [_metric(same, "penetration_mm", digits=2, ends=False)]
-        row += [_metric(flown, "position_error_pct"), _metric(flown, "rotation_error_deg")]
+        row["position [%]"] = _metric(same, "position_error_pct")
+        row["rotation [deg]"] = _metric(same, "rotation_error_deg")
+        row["penetration [mm]"] = _metric(same, "penetration_mm", digits=2, ends=False)
+        row["from flight: position [%]"] = _metric(flown, "position_error_pct")
+        row["flight|rotation [deg]"] = _metric(flown, "rotation_error_deg")
         if jointed:
-            row += [_metric(same, "joint_error_deg"), _metric(same, "flight_miss_pct", digits=2, ends=False)]
+            row["joint [deg]"] = _metric(same, "joint_error_deg")
+            row["acceleration in flight off by [%]"] = _metric(same, "flight_miss_pct", digits=2, ends=False)
         if short:
             cut = [c["sixteen_steps"] for c in same]
-            keys = ("position_error_pct", "rotation_error_deg", *(("joint_error_deg",) if jointed else ()))
-            row += [_metric(cut, key, digits=2) for key in keys]
-        row += [f"{np.mean([c['validation_loss'] for c in same]):.4g}", f"{np.mean([c['seconds'] for c in same]):.0f}"]
+            row["16 steps: position [%]"] = _metric(cut, "position_error_pct", digits=2)
+            row["16 steps|rotation [deg]"] = _metric(cut, "rotation_error_deg", digits=2)
+            if jointed:
+                row["16 steps|joint [deg]"] = _metric(cut, "joint_error_deg", digits=2)
+        row["validation loss"] = f"{np.mean([c['validation_loss'] for c in same]):.4g}"
+        row["seconds"] = f"{np.mean([c['seconds'] for c in same]):.0f}"
         lines.append(row)
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    head = [name.rpartition("|")[2] for name in lines[0]]
+    return "".join(f"| {' | '.join(line)} |\n" for line in (head, ["---"] * len(head), *(r.values() for r in lines)))
 
 
 def _metric(cells: Sequence[Row], name: str, *, digits: int = 1, ends: bool = True) -> str:
@@ -142,43 +132,27 @@ def _range(values: Sequence[float]) -> str:
     return f"{low:.2g}" if len(values) == 1 else f"{low:.2g} to {high:.2g}"
 
 
-def validation_loss(history: Sequence[Mapping[str, Any]]) -> float:
-    """The lowest validation loss of the last stage: that of the parameters that were kept.
-
-    Args:
-        history: Epoch records as dicts, in order.
-    """
-    return min(float(row["validation_loss"]) for row in history if row["stage"] == history[-1]["stage"])
-
-
-def measured_penetration(tosses: Sequence[Toss], model: ObjectModel) -> float:
-    """Mean over tosses of the measured motions' own penetration, defined as the metric `penetration_mm` [mm].
-
-    Args:
-        tosses: As recorded.
-        model: The object as it is stated.
-    """
-    lowest = [corner_heights(model, toss.q).min(axis=1) for toss in tosses]
-    return float(np.mean([1e3 * np.maximum(-height, 0).mean() for height in lowest]))
-
-
 def seed_means(cells: Sequence[Row], swept: str) -> tuple[list[str], list[list[str]]]:
-    """Head and rows of a short table: means over seeds of the main metrics.
-
-    Args:
-        cells: Of the study.
-        swept: The name of the swept value in a cell.
-    """
+    """Head and rows of a short table: means over seeds of the main metrics."""
     metrics = ["gravity_ms2", "position_error_pct", "rotation_error_deg", "penetration_mm"]
     if all("inertia_error_rel" in cell for cell in cells):
         metrics = ["inertia_error_rel", "com_error_m", *metrics[1:3]]
     rows = []
-    for model, value in dict.fromkeys((cell["model"], cell[swept]) for cell in cells):
-        same = [cell for cell in cells if (cell["model"], cell[swept]) == (model, value)]
+    for model, value, same in _by_value(cells, swept):
         found = [[c[name]["mean"] if isinstance(c[name], dict) else c[name] for c in same] for name in metrics]
         known = [[number for number in part if number is not None] for part in found]
         rows.append([model, f"{value:g}", *[f"{np.mean(part):.3g}" if part else "-" for part in known]])
     return ["model", swept, *metrics], rows
+
+
+def validation_loss(history: Sequence[Mapping[str, Any]]) -> float:
+    """The lowest validation loss of the last stage of epoch records: that of the parameters that were kept."""
+    return min(float(row["validation_loss"]) for row in history if row["stage"] == history[-1]["stage"])
+
+
+def measured_penetration(tosses: Sequence[Toss], model: ObjectModel) -> float:
+    """Mean over tosses of the recorded poses' own penetration, defined as the metric `penetration_mm` [mm]."""
+    return float(np.mean([1e3 * depths(model, toss.q).mean() for toss in tosses]))
 
 
 def inertia_errors(model: ModelSettings, parameters: Mapping[str, Any], truth: ObjectModel) -> dict[str, Any]:
@@ -196,28 +170,21 @@ def inertia_errors(model: ModelSettings, parameters: Mapping[str, Any], truth: O
         one of their kind. com_error_m: distance of the centres of mass; of a tree, the largest error of a combination
         that is a first moment, over the total mass. com_offset_m: where training started from.
     """
-    start = {
+    offset = float(np.linalg.norm(model.start_com))
+    found: dict[str, Any] = {
         "parameterisation": model.inertia,
         "inertia_scale": model.start_inertia,
-        "com_offset_m": float(np.linalg.norm(model.start_com)),
+        "com_offset_m": offset,
     }
     inertia, com = np.array(parameters["inertia_kgm2"]), np.array(parameters["com_m"])
     if truth.n_bodies > 1:
         base = base_parameters(truth)
         learned = truth.with_changes(mass=np.array(parameters["mass_kg"]), com=com, inertia=inertia)
-        error = base.errors(learned, truth)
-        off = np.abs(base.values(learned) - base.values(truth))
+        error, off = base.errors(learned, truth), np.abs(base.values(learned) - base.values(truth))
         first = np.array([order(name) == 1 for name in base.names])
         worst = int(error.argmax())
-        return {
-            **start,
-            "inertia_error_rel": float(error[worst]),
-            "inertia_worst": base.names[worst],
-            "com_error_m": float(off[first].max()),
-        }
+        found |= {"inertia_error_rel": float(error[worst]), "inertia_worst": base.names[worst]}
+        return found | {"com_error_m": float(off[first].max())}
     shares = np.linalg.eigvals(np.linalg.solve(truth.inertia[0], inertia[0])).real
-    return {
-        **start,
-        "inertia_error_rel": float(np.abs(shares - 1).max()),
-        "com_error_m": float(np.linalg.norm(com[0] - truth.com[0])),
-    }
+    found["inertia_error_rel"] = float(np.abs(shares - 1).max())
+    return found | {"com_error_m": float(np.linalg.norm(com[0] - truth.com[0]))}

@@ -24,8 +24,7 @@ from tests.pipelines.stored import metric_history, stored_run
 from tossid.errors import DivergedError
 from tossid.store import read_dataset
 from tossid.studies import study as studies
-from tossid.studies.cells import compute_cell
-from tossid.studies.kept import CELL
+from tossid.studies.cells import CELL, compute_cell
 
 SMALL = ["sweep.models=[cn,cnrp]", "sweep.values=[4.905,9.81]", "sweep.train=['epochs=2']", "data=tosses"]
 

@@ -24,7 +24,7 @@ from tests.pipelines.conftest import one_line
 from tests.test_parallel import die_of_three, halved
 from tossid.errors import ConfigError, FileError, InputError, SolverError, TossidError
 from tossid.parallel import as_done
-from tossid.studies.kept import CELL
+from tossid.studies.cells import CELL
 from tossid.versions import computing_versions
 
 HERE = ProcessesLauncher("processes")
