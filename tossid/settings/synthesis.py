@@ -116,18 +116,6 @@ class NoiseSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class HandSettings:
-    """How a hand carries and throws the object between two tosses of a film."""
-
-    speed: Positive = 2.5
-    """mean speed beyond which it takes longer [m/s]"""
-    upward: Span = (5.0, 12.0)
-    """upward acceleration at the release, between two limits [m/s²]; free flight then starts there"""
-    sideways: NonNegative = 3.0
-    """largest horizontal acceleration at the release along each axis [m/s²]"""
-
-
-@dataclass(frozen=True, kw_only=True)
 class CameraSettings:
     """The cameras around the tosses, and what their images look like (frames=true)."""
 
@@ -179,8 +167,6 @@ class CameraSettings:
     """how long a hand carries the object to each release, between two limits [s]"""
     pause_s: Span = (0.15, 0.25)
     """how long the object lies before the hand takes it, between two limits [s]"""
-    carrying: HandSettings = advanced_part(HandSettings)
-    """how the hand moves"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,8 +189,6 @@ class SynthesizeSettings(Checked):
     """the longest that a toss may take [s]"""
     rest_s: NonNegative = 0.1
     """time at rest that ends a toss [s]"""
-    rest_speed: Positive = advanced(0.01)
-    """speed below which every corner of an object at rest stays [m/s]"""
     splits: tuple[Fraction, Fraction, Fraction] = (0.5, 0.3, 0.2)
     """shares of tosses for train, validation and test (frames=false)"""
     release: ReleaseSettings = ReleaseSettings()
@@ -227,24 +211,8 @@ class ShapeTossSettings(Checked):
     """of the object [kg]"""
     friction: NonNegative = 0.25
     """Coulomb's"""
-    frame_offset: tuple[float, float, float] = (0.012, -0.02, 0.007)
-    """where the shape's middle is in the recorded body frame [m]"""
-    height: Positive = 0.25
-    """of the lowest point at first [m]"""
-    speed: NonNegative = 1.0
-    """largest horizontal speed along each axis at first [m/s]"""
-    spin: NonNegative = 6.0
-    """standard deviation of the spin along each axis at first [rad/s]"""
-    noise: NonNegative = 1.5e-4
-    """standard deviation of recorded positions [m], as of the published cube's"""
-    noise_rad: NonNegative = 2e-3
-    """standard deviation of recorded rotations [rad]"""
-    rate_hz: Positive = 148.0
-    """frames a second"""
     frames: Count = 180
     """most frames of a toss"""
-    rest_frames: Count = 10
-    """frames at rest after which a toss ends"""
     step: Positive = 5e-5
     """MuJoCo's time step [s], with which contact is near rigid"""
     seed: Seed = 0

@@ -16,13 +16,7 @@ from tossid.physics import simulate as simulate_lcp
 from tossid.physics.effects import World
 from tossid.physics.effects.in_mujoco import inexpressible, toss_in_mujoco
 from tossid.settings.synthesis import BulletEngine, DrakeEngine, LcpEngine, MujocoEngine
-from tossid.synthesis.foreign_engines import (
-    check_installed,
-    lacks_in_bullet,
-    lacks_in_drake,
-    toss_in_bullet,
-    toss_in_drake,
-)
+from tossid.synthesis.foreign_engines import lacks_in_bullet, lacks_in_drake, toss_in
 
 Array = NDArray[np.float64]
 
@@ -77,34 +71,23 @@ def _lcp(engine: LcpEngine, world: World, q0: Array, v0: Array, *, n_steps: int,
 
 def _mujoco(engine: MujocoEngine, world: World, q0: Array, v0: Array, *, n_steps: int, dt: float) -> Motions:
     threads = os.cpu_count() or 1
-    return Motions(
-        *toss_in_mujoco(world, q0, v0, n_steps, dt, substeps=engine.substeps, soft=engine.soft, n_threads=threads),
-        unsolved=0,
-    )
+    how: dict[str, Any] = {"substeps": engine.substeps, "soft": engine.soft, "n_threads": threads}
+    return Motions(*toss_in_mujoco(world, q0, v0, n_steps, dt, **how), unsolved=0)
 
 
-def _drake(engine: DrakeEngine, world: World, q0: Array, v0: Array, *, n_steps: int, dt: float) -> Motions:
-    check_installed(engine.name, "engine")
-    return Motions(*toss_in_drake(engine, world, q0, v0, n_steps=n_steps, dt=dt), unsolved=0)
-
-
-def _bullet(engine: BulletEngine, world: World, q0: Array, v0: Array, *, n_steps: int, dt: float) -> Motions:
-    check_installed(engine.name, "engine")
-    return Motions(*toss_in_bullet(engine, world, q0, v0, n_steps=n_steps, dt=dt), unsolved=0)
+def _foreign(
+    engine: DrakeEngine | BulletEngine, world: World, q0: Array, v0: Array, *, n_steps: int, dt: float
+) -> Motions:
+    return Motions(*toss_in(engine, world, q0, v0, n_steps=n_steps, dt=dt), unsolved=0)
 
 
 ENGINES: dict[str, EngineEntry] = {
     "lcp": EngineEntry(LcpEngine, _lcp, lambda world: ()),
     "mujoco": EngineEntry(MujocoEngine, _mujoco, inexpressible),
-    "drake": EngineEntry(DrakeEngine, _drake, lacks_in_drake),
-    "bullet": EngineEntry(BulletEngine, _bullet, lacks_in_bullet),
+    "drake": EngineEntry(DrakeEngine, _foreign, lacks_in_drake),
+    "bullet": EngineEntry(BulletEngine, _foreign, lacks_in_bullet),
 }
 """The engines by name."""
-
-
-def engine_of(engine: Any) -> EngineEntry:
-    """The entry of an engine's settings."""
-    return ENGINES[engine.name]
 
 
 def able(world: World) -> Mapping[str, EngineEntry]:

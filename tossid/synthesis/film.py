@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from tossid.errors import ConfigError
 from tossid.objects import ObjectModel
 from tossid.settings.rendering import RenderSettings
 from tossid.settings.synthesis import CameraSettings, SynthesizeSettings
-from tossid.synthesis.timeline import Filming, FilmTruth, Timeline, make_timeline, render_timeline
+from tossid.synthesis.timeline import Filming, make_timeline, render_timeline
 from tossid.types import PoseTrack, Toss
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig
@@ -66,10 +67,20 @@ def film(
     cameras = make_cameras(keys, rate_hz=settings.rate_hz)
     if len(keys.clocks_s) > len(cameras):
         raise ConfigError("camera.clocks_s", f"has {len(keys.clocks_s)} values for {len(cameras)} cameras.")
-    timeline = make_timeline(tosses, model, rng, start=START, carry=keys.carry_s, rest=keys.pause_s, hand=keys.carrying)
+    timeline = make_timeline(tosses, model, rng, start=START, carry=keys.carry_s, rest=keys.pause_s)
     # a generator of their own: images without these effects do not depend on it
     apart = np.random.default_rng([settings.seed, 5])
-    images = _render_settings(keys, model, apart)
+    ids = frozenset(tag.id for tag in model.tags)
+    images = RenderSettings(
+        samples=keys.samples,
+        noise=keys.noise,
+        blur=keys.blur,
+        glare=keys.glare,
+        aperture=keys.aperture_m,
+        focus=keys.focus_m or keys.distance,
+        texture=keys.texture,
+        litter=scatter(keys.clutter, apart, area=keys.area, own_ids=ids),
+    )
     hand, reaches = None, tuple[Reach, ...]()
     if keys.hand or keys.sweeps > 0:
         hand, reaches = hand_poses(
@@ -94,78 +105,38 @@ def film(
             progress(done / total)
 
     inner = folder / "recording"  # the writer's own temporaries then lie inside ours
+    how: dict[str, Any] = {"settings": images, "filming": filming, "threads": os.cpu_count() or 1, "progress": advance}
     with RecordingWriter(inner, cameras, layout_of(model), quality=keys.quality) as writer:
-        truth = render_timeline(
-            timeline,
-            model,
-            cameras,
-            writer,
-            rng,
-            settings=images,
-            filming=filming,
-            threads=os.cpu_count() or 1,
-            progress=advance,
-        )
+        truth = render_timeline(timeline, model, cameras, writer, rng, **how)
     for entry in inner.iterdir():
         entry.rename(folder / entry.name)
     inner.rmdir()
     write_tracks([PoseTrack("truth", timeline.t, timeline.q)], folder / TRUE_POSES)
-    write_film_truth(folder, timeline, model, cameras, filming, images, truth, reaches)
-    return timeline.tosses
-
-
-def _render_settings(keys: CameraSettings, model: ObjectModel, rng: np.random.Generator) -> RenderSettings:
-    """How the images look; the generator scatters what lies on the ground."""
-    ids = frozenset(tag.id for tag in model.tags)
-    return RenderSettings(
-        samples=keys.samples,
-        noise=keys.noise,
-        blur=keys.blur,
-        glare=keys.glare,
-        aperture=keys.aperture_m,
-        focus=keys.focus_m or keys.distance,
-        texture=keys.texture,
-        litter=scatter(keys.clutter, rng, area=keys.area, own_ids=ids),
-    )
-
-
-def write_film_truth(
-    folder: Path,
-    timeline: Timeline,
-    model: ObjectModel,
-    cameras: Sequence[Camera],
-    filming: Filming,
-    settings: RenderSettings,
-    truth: FilmTruth,
-    reaches: Sequence[Reach],
-) -> None:
-    """What a recording's images do not say themselves: `TRUE_FILM` and `TRUE_VIEWS`."""
-    shutter = filming.shutter
     facts = {
         "schema": "tossid.film/1",
         "row_time": "true time of row r of h = stamp - clock_late_s + line_s * (r - (h - 1) / 2), mid-exposure [s]",
-        "exposure_s": shutter.exposure,
-        "line_s": shutter.line,
+        "exposure_s": keys.exposure_s,
+        "line_s": keys.line_s,
         "cameras": {
             camera.name: {
-                "clock_late_s": filming.clocks.get(camera.name, 0.0),
+                "clock_late_s": clocks.get(camera.name, 0.0),
                 "rows": camera.resolution[1],
                 "dropped_s": timeline.t[~truth.kept[:, c]].tolist(),
             }
             for c, camera in enumerate(cameras)
         },
         "effects": {
-            "noise": settings.noise,
-            "blur_px": settings.blur,
-            "glare": settings.glare,
-            "aperture_m": settings.aperture,
-            "focus_m": settings.focus,
-            "texture": settings.texture,
+            "noise": images.noise,
+            "blur_px": images.blur,
+            "glare": images.glare,
+            "aperture_m": images.aperture,
+            "focus_m": images.focus,
+            "texture": images.texture,
         },
         "hand": [asdict(reach) for reach in reaches],
         "clutter": [
             {"kind": o.kind, "tag_id": o.tag_id, "x_m": o.at[0], "y_m": o.at[1], "turn_rad": o.turn, "size_m": o.size}
-            for o in settings.litter
+            for o in images.litter
         ],
     }
     (folder / TRUE_FILM).write_text(json.dumps(facts, indent=1) + "\n")
@@ -177,6 +148,7 @@ def write_film_truth(
         kept=truth.kept,
         visible=truth.visible.astype(np.float32),
     )
+    return timeline.tosses
 
 
 def make_cameras(settings: CameraSettings, *, rate_hz: float) -> tuple[Camera, ...]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,7 +11,7 @@ from tossid.motion.links import body_tracks
 from tossid.objects import ObjectModel, corner_positions, object_from_mjcf
 from tossid.rotations import quat_conj, quat_exp, quat_mul, quat_rotate, quat_to_matrix
 from tossid.settings.synthesis import ShapeTossSettings
-from tossid.synthesis.shapes import by_lcp, contact_law, noisy, toss_from
+from tossid.synthesis.shapes import noisy, scene_over_ground, toss
 from tossid.types import PoseTrack
 
 Array = NDArray[np.float64]
@@ -69,11 +68,7 @@ class TossedLinks(NamedTuple):
 
 
 def toss_links(settings: ShapeTossSettings | None = None) -> TossedLinks:
-    """Tosses of an elbow of two solid boxes, each link tracked in a frame of its own.
-
-    Args:
-        settings: How many, how noisy. `mass` is that of each link.
-    """
+    """Tosses of an elbow of two solid boxes, each link tracked in a frame of its own; `mass` is that of each link."""
     settings = settings or ShapeTossSettings()
     size, middle, hinge = (" ".join(f"{x:g}" for x in values) for values in (HALF, MIDDLE, HINGE))
     text = f"""<mujoco model="elbow">
@@ -89,43 +84,20 @@ def toss_links(settings: ShapeTossSettings | None = None) -> TossedLinks:
   </worldbody>
 </mujoco>"""
     model, rng = object_from_mjcf(text, friction=settings.friction, width=0.1), np.random.default_rng(settings.seed)
-    releases = [_release(model, rng, settings) for _ in range(settings.tosses)]
-    if settings.engine == "lcp":
-        truth = by_lcp(model, releases, settings)
-    else:
-        engine = _engine(text, settings)
-        truth = tuple(toss_from(engine, q, v, f"{i:03d}", settings) for i, (q, v) in enumerate(releases))
+    truth = toss(
+        model,
+        scene_over_ground(text, settings),
+        lambda q: float(corner_positions(model, q)[:, 2].min()),
+        rng,
+        settings,
+    )
     frames = tuple((origin, quat_exp(turn)) for origin, turn in FRAMES)
     exact = tuple(
         tuple(_seen_from(track, frame) for track in tracks)
         for tracks, frame in zip(body_tracks(model, truth), frames, strict=True)
     )
-    first, second = (tuple(noisy(track, rng, settings) for track in tracks) for tracks in exact)
+    first, second = (tuple(noisy(track, rng) for track in tracks) for tracks in exact)
     return TossedLinks(first, second, exact, model, frames)
-
-
-def _engine(text: str, settings: ShapeTossSettings) -> mujoco.MjModel:
-    """MuJoCo's model of the elbow over the ground; links touch the ground and not each other."""
-    spec, law = mujoco.MjSpec.from_string(text), contact_law(settings)
-    spec.option.timestep, spec.option.cone, spec.option.impratio = settings.step, mujoco.mjtCone.mjCONE_ELLIPTIC, 10
-    for geom in spec.geoms:
-        geom.contype, geom.conaffinity = 1, 0
-        for key, value in law.items():
-            setattr(geom, key, value)
-    spec.worldbody.add_geom(
-        name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], contype=0, conaffinity=1, **law
-    )
-    return spec.compile()
-
-
-def _release(model: ObjectModel, rng: np.random.Generator, settings: ShapeTossSettings) -> tuple[Array, Array]:
-    """A first configuration (8,) and velocity (7,)."""
-    quat = rng.normal(size=4)
-    q = np.array([*rng.uniform(-0.2, 0.2, 2), 0.0, *(quat / np.linalg.norm(quat)), rng.uniform(-np.pi, np.pi)])
-    q[2] = settings.height - corner_positions(model, q)[:, 2].min()
-    v = np.array([*rng.uniform(-settings.speed, settings.speed, 2), rng.uniform(0, 1), *rng.normal(size=4)])
-    v[3:] *= settings.spin
-    return q, v
 
 
 def _seen_from(track: PoseTrack, frame: tuple[Array, Array]) -> PoseTrack:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import mujoco
@@ -37,10 +37,6 @@ class TossedShape(NamedTuple):
     truth: tuple[PoseTrack, ...]
     hull: Array
     object: ObjectModel
-
-
-def _polytope(points: Array) -> str:
-    return f'<mesh name="m" vertex="{_row(points.ravel())}"/>'
 
 
 def _row(values: Array) -> str:
@@ -109,157 +105,149 @@ SHAPES = tuple(_shapes())
 """The shapes by name."""
 ROUND: Mapping[str, Roundness] = {"rounded disc": disc(DISC[0], [0.0, 0.0, 1.0], edge=DISC[1])}
 """What stands at the middle of shapes whose meshes only stand for something round."""
-STILL = 0.02
-"""Largest velocity of a body at rest [m/s, rad/s]."""
+FRAME_OFFSET = np.array([0.012, -0.02, 0.007])
+"""Where the shape's middle is in the recorded body frame [m]."""
+HEIGHT, SPEED, SPIN = 0.25, 1.0, 6.0
+"""Of releases: the lowest point [m], the largest horizontal speed along each axis [m/s], and the standard deviation of
+the spin along each axis [rad/s]."""
+NOISE, NOISE_RAD = 1.5e-4, 2e-3
+"""Standard deviations of recorded positions [m], as of the published cube's, and of recorded rotations [rad]."""
+RATE_HZ = 148.0
+STILL, REST_FRAMES = 0.02, 10
+"""Largest velocity of a body at rest [m/s, rad/s], and the frames at rest after which a toss ends."""
 LCP_SUBSTEPS, LCP_PARTS = 16, 8
 """Steps of tossid's own engine a frame, and parts of a step with an impact: four times those of a learned model."""
 
 
 def toss_shape(name: str, settings: ShapeTossSettings | None = None) -> TossedShape:
-    """Tosses of a shape.
+    """Tosses of a shape of `SHAPES`; the settings say how many and how noisy.
 
     The body's frame lies off the shape's middle and off its centre of mass, as a tracker's does.
-
-    Args:
-        name: Of `SHAPES`.
-        settings: How many, how noisy.
     """
     settings = settings or ShapeTossSettings()
     points, geom = _shapes()[name]
-    off = np.array(settings.frame_offset)
-    mesh = "" if geom is not None else _polytope(points)
+    mesh = "" if geom is not None else f'<mesh name="m" vertex="{_row(points.ravel())}"/>'
     geom = geom or 'type="mesh" mesh="m"'
-    body = f"""<mujoco model="{name}">
+    text = f"""<mujoco model="{name}">
   <asset>{mesh}</asset>
   <worldbody>
     <body name="{name}">
       <freejoint/>
-      <geom name="hull" {geom} pos="{_row(off)}" mass="{settings.mass}"/>
+      <geom name="hull" {geom} pos="{_row(FRAME_OFFSET)}" mass="{settings.mass}"/>
     </body>
   </worldbody>
 </mujoco>"""
-    spec = mujoco.MjSpec.from_string(body)
-    for each in spec.meshes:
-        each.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_EXACT
-    spec.option.timestep = settings.step
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = 10
-    law = contact_law(settings)
-    for key, value in law.items():
-        setattr(spec.geoms[0], key, value)
-    spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], **law)
-    model = spec.compile()
+    model = scene_over_ground(text, settings)
+    hull = points + FRAME_OFFSET
     if mesh:  # MuJoCo turns a mesh into its principal axes: undo it for the truth
-        R, at = (
-            quat_to_matrix(model.geom_quat[0 if model.geom_bodyid[0] else 1]),
-            model.geom_pos[0 if model.geom_bodyid[0] else 1],
-        )
+        at = model.geom("hull").id
         first, count = model.mesh_vertadr[0], model.mesh_vertnum[0]
-        hull = np.asarray(model.mesh_vert[first : first + count], dtype=float) @ R.T + at
+        vertices = np.asarray(model.mesh_vert[first : first + count], dtype=float)
+        hull = vertices @ quat_to_matrix(model.geom_quat[at]).T + model.geom_pos[at]
         hull = hull[ConvexHull(hull).vertices]
-    else:
-        hull = points + off
     R = quat_to_matrix(model.body_iquat[1])
     inertia = R @ np.diag(model.body_inertia[1]) @ R.T
     rng = np.random.default_rng([settings.seed, SHAPES.index(name)])
-    object_ = _object(name, body, model, inertia, settings)
-    releases = [_release(hull, rng, settings) for _ in range(settings.tosses)]
-    if settings.engine == "lcp":
-        truth = by_lcp(object_, releases, settings)
-    else:
-        truth = tuple(toss_from(model, q, v, f"{i:03d}", settings) for i, (q, v) in enumerate(releases))
-    tracks = tuple(noisy(track, rng, settings) for track in truth)
-    return TossedShape(name, tracks, truth, hull, object_)
+    shape = object_from_mjcf(text, friction=settings.friction)
+    shape = shape.with_changes(com=np.array(model.body_ipos[1])[None], inertia=inertia[None])
+    if name in ROUND:
+        count = len(ROUND[name].radius)
+        corners = np.tile(FRAME_OFFSET, (count, 1))
+        bodies = np.zeros(count, dtype=np.int64)
+        shape = shape.with_changes(corner_body=bodies, corner_pos=corners, roundness=ROUND[name])
+
+    def lowest(q: Array) -> float:
+        return float((quat_to_matrix(q[3:7])[2] @ hull.T).min())
+
+    truth = toss(shape, model, lowest, rng, settings)
+    tracks = tuple(noisy(track, rng) for track in truth)
+    return TossedShape(name, tracks, truth, hull, shape)
 
 
-def contact_law(settings: ShapeTossSettings) -> dict[str, Any]:
-    """Attributes of MuJoCo's geoms with which contact is near rigid."""
-    return {
-        "friction": [settings.friction, 0, 0],
-        "condim": 3,
-        "solref": [2 * settings.step, RIGID_DAMPING],
-        "solimp": list(RIGID_SOLIMP),
-    }
-
-
-def _object(name: str, mjcf: str, model: mujoco.MjModel, inertia: Array, settings: ShapeTossSettings) -> ObjectModel:
-    """The object of a shape."""
-    found = object_from_mjcf(mjcf, friction=settings.friction)
-    found = found.with_changes(com=np.array(model.body_ipos[1])[None], inertia=inertia[None])
-    if name not in ROUND:
-        return found
-    count = len(ROUND[name].radius)
-    return found.with_changes(
-        corner_body=np.zeros(count, dtype=np.int64),
-        corner_pos=np.tile(settings.frame_offset, (count, 1)),
-        roundness=ROUND[name],
-    )
-
-
-def _release(hull: Array, rng: np.random.Generator, settings: ShapeTossSettings) -> tuple[Array, Array]:
-    """A first pose (7,) and velocity (6,)."""
-    quat = rng.normal(size=4)
-    quat /= np.linalg.norm(quat)
-    lowest = float((quat_to_matrix(quat)[2] @ hull.T).min())
-    q = np.array([*rng.uniform(-0.2, 0.2, 2), settings.height - lowest, *quat])
-    v = np.array([*rng.uniform(-settings.speed, settings.speed, 2), rng.uniform(0, 1), *rng.normal(size=3)])
-    v[3:] *= settings.spin
-    return q, v
-
-
-def toss_from(model: mujoco.MjModel, q0: Array, v0: Array, name: str, settings: ShapeTossSettings) -> PoseTrack:
-    """A toss from the air to rest, or to the longest time.
+def scene_over_ground(text: str, settings: ShapeTossSettings) -> mujoco.MjModel:
+    """MuJoCo's model of an object over the ground with near rigid contact; bodies touch the ground, and not each other.
 
     Args:
-        model: MuJoCo's.
-        q0: First configuration, (nq,).
-        v0: First velocity, (nv,).
-        name: Of the toss.
-        settings: Its rate and length.
+        text: The object's MJCF.
+        settings: Time step and friction.
     """
+    spec = mujoco.MjSpec.from_string(text)
+    for mesh in spec.meshes:
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_EXACT
+    spec.option.timestep, spec.option.cone, spec.option.impratio = settings.step, mujoco.mjtCone.mjCONE_ELLIPTIC, 10
+    law: dict[str, Any] = {"friction": [settings.friction, 0, 0], "condim": 3}
+    law |= {"solref": [2 * settings.step, RIGID_DAMPING], "solimp": list(RIGID_SOLIMP)}
+    for geom in spec.geoms:
+        geom.contype, geom.conaffinity = 1, 0
+        for key, value in law.items():
+            setattr(geom, key, value)
+    plane = mujoco.mjtGeom.mjGEOM_PLANE
+    spec.worldbody.add_geom(name="ground", type=plane, size=[0, 0, 1], contype=0, conaffinity=1, **law)
+    return spec.compile()
+
+
+def toss(
+    model: ObjectModel,
+    scene: mujoco.MjModel,
+    lowest: Callable[[Array], float],
+    rng: np.random.Generator,
+    settings: ShapeTossSettings,
+) -> tuple[PoseTrack, ...]:
+    """Tosses by MuJoCo or by tossid's own time stepping, without noise.
+
+    Args:
+        model: What is tossed.
+        scene: MuJoCo's model of it over the ground.
+        lowest: Height of the object's lowest point [m] in a configuration (nq,) whose origin is at z = 0.
+        rng: Draws the releases.
+        settings: How many, and what engine.
+    """
+    releases = []
+    for _ in range(settings.tosses):
+        quat = rng.normal(size=4)
+        place, joints = rng.uniform(-0.2, 0.2, 2), rng.uniform(-np.pi, np.pi, model.n_joints)
+        q = np.array([*place, 0.0, *(quat / np.linalg.norm(quat)), *joints])
+        q[2] = HEIGHT - lowest(q)
+        across, up = rng.uniform(-SPEED, SPEED, 2), rng.uniform(0, 1)
+        releases.append((q, np.array([*across, up, *(SPIN * rng.normal(size=3 + model.n_joints))])))
+    if settings.engine == "lcp":
+        return _by_lcp(model, releases, settings)
+    return tuple(_by_mujoco(scene, q, v, f"{i:03d}", settings) for i, (q, v) in enumerate(releases))
+
+
+def _by_mujoco(model: mujoco.MjModel, q0: Array, v0: Array, name: str, settings: ShapeTossSettings) -> PoseTrack:
+    """A toss from the air to rest, or to the longest time."""
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = q0, v0
-    per_frame, q, still = 1 / settings.rate_hz, [data.qpos.copy()], 0
+    per_frame, q, still = 1 / RATE_HZ, [data.qpos.copy()], 0
     steps = round(per_frame / model.opt.timestep)
     with quiet():
-        while len(q) < settings.frames and still < settings.rest_frames:
+        while len(q) < settings.frames and still < REST_FRAMES:
             mujoco.mj_step(model, data, steps)
             q.append(data.qpos.copy())
             still = still + 1 if np.abs(data.qvel).max() < STILL else 0
     return PoseTrack(name, np.arange(len(q)) * steps * model.opt.timestep, np.array(q))
 
 
-def by_lcp(
+def _by_lcp(
     model: ObjectModel, releases: list[tuple[Array, Array]], settings: ShapeTossSettings
 ) -> tuple[PoseTrack, ...]:
-    """The same tosses by tossid's own time stepping, whose contact is rigid and whose friction is Coulomb's.
-
-    Args:
-        model: The object.
-        releases: First configuration (nq,) and velocity (nv,) of each.
-        settings: Their rate and length.
-    """
+    """The same tosses by tossid's own time stepping, whose contact is rigid and whose friction is Coulomb's."""
     q0, v0 = (np.array(part) for part in zip(*releases, strict=True))
     system = make_system(model)
-    dt, n = round(1 / settings.rate_hz / settings.step) * settings.step, settings.frames - 1  # as of MuJoCo's frames
+    dt, n = round(1 / RATE_HZ / settings.step) * settings.step, settings.frames - 1  # as of MuJoCo's frames
     run = simulate(system, q0, v0, n_steps=n, dt=dt, substeps=LCP_SUBSTEPS, impact_parts=LCP_PARTS)
     tracks = []
     for i, (q, v) in enumerate(zip(run.q, run.v, strict=True)):
         moving = np.flatnonzero(np.abs(v).max(axis=1) >= STILL)
-        end = min(len(q), int(moving[-1]) + 1 + settings.rest_frames)
+        end = min(len(q), int(moving[-1]) + 1 + REST_FRAMES)
         tracks.append(PoseTrack(f"{i:03d}", np.arange(end, dtype=float) * dt, np.asarray(q[:end])))
     return tuple(tracks)
 
 
-def noisy(track: PoseTrack, rng: np.random.Generator, settings: ShapeTossSettings) -> PoseTrack:
-    """A rigid body's track with a tracker's noise.
-
-    Args:
-        track: (n, 7).
-        rng: Draws the noise.
-        settings: Its size.
-    """
+def noisy(track: PoseTrack, rng: np.random.Generator) -> PoseTrack:
+    """A rigid body's track, of poses (n, 7), with a tracker's noise."""
     q = track.q.copy()
-    q[:, :3] += settings.noise * rng.normal(size=(len(q), 3))
-    q[:, 3:7] = quat_mul(q[:, 3:7], quat_exp(settings.noise_rad * rng.normal(size=(len(q), 3))))
+    q[:, :3] += NOISE * rng.normal(size=(len(q), 3))
+    q[:, 3:7] = quat_mul(q[:, 3:7], quat_exp(NOISE_RAD * rng.normal(size=(len(q), 3))))
     return PoseTrack(track.name, track.t, q)

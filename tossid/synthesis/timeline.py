@@ -15,7 +15,6 @@ from tossid.objects import ObjectModel, corner_heights, corner_positions
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, right_jacobian_inv
 from tossid.settings.rendering import RenderSettings
 from tossid.settings.segmentation import SegmentSettings
-from tossid.settings.synthesis import HandSettings
 from tossid.types import Frame, Toss
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.shutter import Shutter
@@ -24,8 +23,10 @@ from tossid.vision.rendering.render import DEFAULT_IMAGES, Renderer
 
 Array = NDArray[np.float64]
 
-DEFAULT_SEGMENTS = SegmentSettings()
-DEFAULT_HAND = HandSettings()
+HAND_SPEED = 2.5
+"""Mean speed of a hand beyond which it takes longer [m/s]."""
+HAND_UPWARD, HAND_SIDEWAYS = (5.0, 12.0), 3.0
+"""Bounds of a hand's upward acceleration at the release, and its largest horizontal one along each axis [m/s²]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +59,7 @@ def make_timeline(
     start: float = 0.0,
     carry: tuple[float, float] = (0.35, 0.5),
     rest: tuple[float, float] = (0.15, 0.25),
-    hand: HandSettings = DEFAULT_HAND,
-    settings: SegmentSettings = DEFAULT_SEGMENTS,
+    settings: SegmentSettings = SegmentSettings(),
 ) -> Timeline:
     """One motion that joins tosses.
 
@@ -74,7 +74,6 @@ def make_timeline(
         start: Time of the first frame [s].
         carry: Bounds of the time that a hand carries [s].
         rest: Bounds of the time at rest before that [s].
-        hand: How a hand moves.
         settings: What counts as rest.
 
     Raises:
@@ -93,7 +92,7 @@ def make_timeline(
     for toss in tosses:
         n_before = max(round(rng.uniform(*rest) / dt), 1) if pieces else max(round(0.1 / dt), 1)
         pieces.append(np.repeat(previous[None], n_before, axis=0))
-        path = _carry(previous, toss, model, dt, rng, carry, hand)
+        path = _carry(previous, toss, model, dt, rng, carry)
         pieces.append(path)
         count += n_before + len(path)
         end = rest_frame(toss.q, settings=settings)
@@ -102,17 +101,7 @@ def make_timeline(
         release.append(count)
         at_rest.append(count + own.stop - 1)
         t: Array = start + dt * (count + np.arange(len(toss.t), dtype=float))
-        retimed.append(
-            replace(
-                toss,
-                t=t[own],
-                q=toss.q[own],
-                v=toss.v[own],
-                q_cov=toss.q_cov[own],
-                v_cov=toss.v_cov[own],
-                phase=toss.phase[own],
-            )
-        )
+        retimed.append(replace(toss.frames(own), t=t[own]))
         pieces.append(toss.q)
         count += len(toss.q)
         previous = toss.q[-1]
@@ -126,23 +115,16 @@ def make_timeline(
 
 
 def _carry(
-    before: Array,
-    toss: Toss,
-    model: ObjectModel,
-    dt: float,
-    rng: np.random.Generator,
-    bounds: tuple[float, float],
-    hand: HandSettings,
+    before: Array, toss: Toss, model: ObjectModel, dt: float, rng: np.random.Generator, bounds: tuple[float, float]
 ) -> Array:
     """Configurations from rest to just before the release, one frame apart. (n, nq)."""
     q1, v1 = toss.q[0], toss.v[0]
-    way = float(np.linalg.norm(q1[:3] - before[:3]))
-    # a hand takes longer for a longer way
-    n = max(round(max(rng.uniform(*bounds), way / hand.speed) / dt), 4)
+    distance = float(np.linalg.norm(q1[:3] - before[:3]))
+    n = max(round(max(rng.uniform(*bounds), distance / HAND_SPEED) / dt), 4)
     T = n * dt
     s = np.arange(n) / n
-    side = hand.sideways
-    push = np.array([0.0, 0.0, 1.0]) * rng.uniform(*hand.upward) + rng.uniform(-side, side, 3) * [1, 1, 0]
+    push = np.array([0.0, 0.0, 1.0]) * rng.uniform(*HAND_UPWARD)
+    push += rng.uniform(-HAND_SIDEWAYS, HAND_SIDEWAYS, 3) * [1, 1, 0]
     p = before[:3] + _quintic(s, q1[:3] - before[:3], v1[:3] * T, push * T**2)
     turn = quat_boxminus(q1[3:7], before[3:7])
     rate = right_jacobian_inv(turn) @ v1[3:6]

@@ -18,11 +18,13 @@ from tossid.objects import ObjectModel, corner_heights, corner_positions
 from tossid.physics.effects import World, all_effects, effects_for
 from tossid.rotations import quat_exp, quat_mul
 from tossid.settings.synthesis import NoiseSettings, ReleaseSettings, SynthesizeSettings
-from tossid.synthesis.engines import able, engine_of
+from tossid.synthesis.engines import ENGINES, able
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
 
+REST_SPEED = 0.01
+"""Speed below which every corner of an object at rest stays [m/s]."""
 _Q_FLOOR, _V_FLOOR = 1e-6, 1e-5
 """Standard deviations stated for exact states: solvers divide by them."""
 
@@ -88,7 +90,7 @@ def world_of(settings: SynthesizeSettings, model: ObjectModel) -> World:
                 raise ConfigError(key, f"{value:g} is out of range; expected {own.low:g} to {own.high:g}.")
             values[parameter] = value
         world = effect.at(world, np.array(list(values.values())))
-        if engine_of(settings.engine).lacks(world):
+        if ENGINES[settings.engine.name].lacks(world):
             can = " and ".join(f"engine={other}" for other in able(world)) or "none"
             raise ConfigError(f"effects.{name}", f"engine={settings.engine.name} cannot express it; {can} can.")
     return world
@@ -105,7 +107,7 @@ def frames_until_rest(model: ObjectModel, q: Array, v: Array, settings: Synthesi
     """
     corners = corner_positions(model, q)
     speed = np.linalg.norm(np.diff(corners, axis=0), axis=-1).max(axis=-1) * settings.rate_hz
-    moving = np.flatnonzero(speed > settings.rest_speed)
+    moving = np.flatnonzero(speed > REST_SPEED)
     rest = int(moving[-1]) + 1 if len(moving) else 0
     return int(min(len(q), max(2, rest + round(settings.rest_s * settings.rate_hz) + 1)))
 
@@ -151,7 +153,7 @@ def tosses_from(q0: Array, v0: Array, settings: SynthesizeSettings, model: Objec
     world = world_of(settings, model)
     n_steps = max(2, round(settings.seconds * settings.rate_hz))
     dt = 1.0 / (settings.rate_hz * world.recording.clock_rate)
-    simulate = partial(engine_of(settings.engine).simulate, settings.engine, world)
+    simulate = partial(ENGINES[settings.engine.name].simulate, settings.engine, world)
     true = simulate(q0, v0, n_steps=n_steps, dt=dt)
     _, v = world.recorded(true.q, true.v)
     q = world.recorded_motions(
