@@ -134,7 +134,7 @@ def throw(field: str, study: Study, seed: int) -> Thrown:
     import numpy as np
 
     import tossid
-    from tossid.physics.effects.fields import airborne
+    from tossid.physics.effects.wrenches import airborne
     from tossid.settings.synthesis import NoiseSettings, ReleaseSettings, SynthesizeSettings
     from tossid.synthesis.tosses import world_of
 
@@ -180,7 +180,7 @@ def recovered(trained: TrainedModel, world: World, tosses: tuple[Toss, ...]) -> 
     import numpy as np
 
     from tossid.objects import GRAVITY
-    from tossid.physics.effects.fields import acceleration_of_forces, airborne, learned_field, share_recovered
+    from tossid.physics.effects.wrenches import acceleration_of_forces, airborne, learned_field
 
     q, v = (np.concatenate([getattr(toss, name) for toss in tosses]) for name in ("q", "v"))
     flying = airborne(world.object, q)
@@ -191,7 +191,8 @@ def recovered(trained: TrainedModel, world: World, tosses: tuple[Toss, ...]) -> 
     found = learned_field(mechanics.object, mechanics.k_res, q, v)[:, :3] - [0.0, 0.0, mechanics.gravity] - given
     true = acceleration_of_forces(world, q, v)[:, :3] - given
     size = float(np.sqrt(np.square(true).sum(axis=1).mean()))
-    return share_recovered(found, true), size
+    miss = float(np.sqrt(np.square(found - true).sum(axis=1).mean()))
+    return 1.0 - miss / size, size
 
 
 def stands_for(trained: TrainedModel, data: Dataset) -> str:

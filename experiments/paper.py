@@ -87,7 +87,7 @@ def measure(trained: TrainedModel, held_out: Dataset) -> Measured:
     import numpy as np
 
     from tossid.evaluation.metrics import score_tosses
-    from tossid.physics.effects.fields import learned_field
+    from tossid.physics.effects.wrenches import learned_field
     from tossid.types import Phase
 
     model, measurement = trained.model, trained.model.measurement

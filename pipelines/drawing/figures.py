@@ -28,7 +28,7 @@ def training_figures(trained: TrainedModel, *, name: str) -> dict[str, Figure]:
             trained.model.object,
             trained.model.learned_object(),
             seen=seen_of(trained),
-            way=way_of(trained),
+            stages=stages_of(trained),
             unseen=np.array(trained.parameters.get("from_nothing", {}).get("unseen_m", [])),
             title=f"Geometry learned by {name}",
         ),
@@ -61,7 +61,7 @@ def seen_of(trained: TrainedModel) -> NDArray[np.bool_] | None:
     return seen
 
 
-def way_of(trained: TrainedModel) -> list[NDArray[np.float64]]:
+def stages_of(trained: TrainedModel) -> list[NDArray[np.float64]]:
     """Corners before training and after each stage that moved them, (n_c, 3) each [m]; empty where none did."""
     links, learned = trained.parameters.get("geometry") or [], trained.model.learned_object()
     count = max((len(link.get("way_m", ())) for link in links), default=0)

@@ -13,7 +13,7 @@ from experiments import fields
 from pipelines.cli.console import Console
 from tossid.models import TrainedModel, build_model, variant
 from tossid.physics.effects import all_effects
-from tossid.physics.effects.fields import acceleration_of_forces, airborne
+from tossid.physics.effects.wrenches import acceleration_of_forces, airborne
 from tossid.settings.training import TrainSettings
 
 SMALL = fields.Study(("vortex",), tosses=6, held_out=3, seeds=(0,))

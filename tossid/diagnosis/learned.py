@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from tossid.physics.effects import Effect, World
-from tossid.physics.effects.fields import acceleration_of_motions, airborne, learned_field
-from tossid.physics.effects.in_mujoco import body_motions
+from tossid.physics.effects.wrenches import acceleration_of_motions, airborne, body_motions, learned_field
 from tossid.types import Toss
 
 Array = NDArray[np.float64]

@@ -205,7 +205,8 @@ def score_windows(
                 out[i] = own[known].mean(axis=0)
         return out
 
-    return replace(scores, **{name: by_toss(value) for name, value in _arrays(scores).items()})
+    changes: dict[str, Any] = {name: by_toss(value) for name, value in _arrays(scores).items()}
+    return replace(scores, **changes)
 
 
 def joined(parts: Sequence[TossScores]) -> TossScores:

@@ -29,8 +29,8 @@ def test_shifts_and_ways_of_corners_are_drawn_at_the_stated_factor(cube: ObjectM
     shift, step = np.zeros((8, 3)), np.array([1e-3, 0, 0])
     shift[0] = step
     learned = cube.with_changes(corner_pos=cube.corner_pos + shift, com=cube.com + np.array([0, 0, 0.5e-3]))
-    way = [cube.corner_pos + 2 * step, cube.corner_pos + step, learned.corner_pos]
-    figure = learned_geometry(cube, learned, factor=10, way=way)
+    stages = [cube.corner_pos + 2 * step, cube.corner_pos + step, learned.corner_pos]
+    figure = learned_geometry(cube, learned, factor=10, stages=stages)
     above, front = titled(figure, "from above"), titled(figure, "from the front")
     moved = np.column_stack(line(above, "learned corners").get_data()) - 1e3 * cube.corner_pos[:, :2]
     np.testing.assert_allclose(moved, 1e4 * shift[:, :2], atol=1e-9)
@@ -40,7 +40,7 @@ def test_shifts_and_ways_of_corners_are_drawn_at_the_stated_factor(cube: ObjectM
     assert "at most 1.0 mm; centre of mass 0.50 mm" in words(figure)
     began = np.column_stack(line(above, "start").get_data())
     np.testing.assert_allclose(began, 1e3 * cube.corner_pos[:, :2] + [20, 0], atol=1e-9)
-    (paths,) = [c for c in above.collections if c.get_label() == "way"]
+    (paths,) = [c for c in above.collections if c.get_label() == "path"]
     assert isinstance(paths, LineCollection)
     np.testing.assert_allclose(np.asarray(paths.get_segments()[1]) - began[1], [[0, 0], [-10, 0], [-20, 0]], atol=1e-9)
     assert_legible(figure)
@@ -50,7 +50,7 @@ def test_the_factor_is_round_and_fits(cube: ObjectModel) -> None:
     for size, factor in ((1e-3, 10.0), (1e-5, 100.0), (30e-3, 1.0), (0.0, 1.0)):
         learned = cube.with_changes(corner_pos=cube.corner_pos + np.array([size, 0, 0]))
         assert exaggeration(cube, learned) == factor
-    assert exaggeration(cube, cube, way=[cube.corner_pos + np.array([2e-3, 0, 0])]) == 5.0
+    assert exaggeration(cube, cube, stages=[cube.corner_pos + np.array([2e-3, 0, 0])]) == 5.0
 
 
 def test_geometry_has_a_row_a_link_and_shows_the_truth(elbow: ObjectModel) -> None:

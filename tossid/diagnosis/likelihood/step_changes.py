@@ -26,7 +26,7 @@ from tossid.diagnosis.likelihood.states import difference, moved_pose
 from tossid.objects import corner_heights
 from tossid.physics import System, simulate
 from tossid.physics.effects import World
-from tossid.physics.effects.in_mujoco import body_motions
+from tossid.physics.effects.wrenches import body_motions
 from tossid.rotations import quat_rotate
 
 Array = NDArray[np.float64]

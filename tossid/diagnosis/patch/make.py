@@ -18,8 +18,8 @@ from tossid.errors import ObjectError
 from tossid.objects import to_mjcf
 from tossid.objects.files.model_file import first_line, read_model_file
 from tossid.physics.effects import World
-from tossid.physics.effects.contact_in_mjcf import write_compliance, write_rigid_contact
 from tossid.physics.effects.mjcf_edit import Change, Edit
+from tossid.physics.effects.mujoco_contact import write_compliance, write_rigid_contact
 from tossid.physics.mujoco_engine import RIGID_DAMPING, RIGID_SOLIMP, RIGID_STEP
 
 

@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 SHIFT_SHARE = 0.15
 """Shifts of corners are exaggerated until the largest is about this share of the object's width."""
 FACTORS = (1, 2, 3, 5, 10, 20, 50, 100)
-UNSEEN, WAY = "#c2410c", "#9467bd"
+UNSEEN, PATH = "#c2410c", "#9467bd"
 """Colours of what no toss has shown, and of where corners began."""
 OBLIQUE = view_from(np.deg2rad(-62), np.deg2rad(24))
 VIEWS = (
@@ -46,13 +46,13 @@ SOURCES = {"given": LOOKS["given"], "truth": Look("truth", INK, "x", "--"), "lea
 
 
 def exaggeration(
-    given: ObjectModel, learned: ObjectModel, truth: ObjectModel | None = None, *, way: Sequence[Array] = ()
+    given: ObjectModel, learned: ObjectModel, truth: ObjectModel | None = None, *, stages: Sequence[Array] = ()
 ) -> float:
     """The round factor, at least 1, that makes the largest shift of a corner or a centre of mass visible.
 
     Arguments are those of `learned_geometry`.
     """
-    shifts = [np.linalg.norm(step - given.corner_pos, axis=1).max() for step in way]
+    shifts = [np.linalg.norm(step - given.corner_pos, axis=1).max() for step in stages]
     shifts += [
         np.linalg.norm(getattr(other, part) - getattr(given, part), axis=1).max()
         for other in (learned, truth)
@@ -71,7 +71,7 @@ def learned_geometry(
     *,
     factor: float | None = None,
     seen: NDArray[np.bool_] | None = None,
-    way: Sequence[Array] = (),
+    stages: Sequence[Array] = (),
     unseen: Array | None = None,
     title: str = "Learned geometry",
 ) -> Figure:
@@ -87,7 +87,7 @@ def learned_geometry(
         factor: The exaggeration; a round number that fits the shifts if None.
         seen: Which learned corners tosses have shown (of a round object, which points of its surface), (n_c,); the
             others are crossed out. None for all.
-        way: Corners (n_c, 3) before training, and after each stage that moved them [m]: drawn as paths.
+        stages: Corners (n_c, 3) before training, and after each stage that moved them [m]: drawn as paths.
         unseen: Points (m, 3) in the base's frame to which the object may reach, as no toss decides it [m].
         title: The figure's title.
 
@@ -99,8 +99,8 @@ def learned_geometry(
     for name, model in objects.items():
         if model.corner_pos.shape != given.corner_pos.shape or model.com.shape != given.com.shape:
             raise InputError(f"{name} has {model.n_corners} corners on {model.n_bodies} bodies, given has others")
-    scale = exaggeration(given, learned, truth, way=way) if factor is None else factor
-    steps = np.array([given.corner_pos + scale * (step - given.corner_pos) for step in way])  # (k, n_c, 3)
+    scale = exaggeration(given, learned, truth, stages=stages) if factor is None else factor
+    steps = np.array([given.corner_pos + scale * (step - given.corner_pos) for step in stages])  # (k, n_c, 3)
     farthest = max((float(np.linalg.norm(step - given.corner_pos, axis=1).max()) for step in steps), default=0.0)
     beyond = np.zeros((0, 3)) if unseen is None else np.reshape(unseen, (-1, 3))
 
@@ -117,7 +117,7 @@ def learned_geometry(
         entries += [(sample(SOURCES[name].color, ls=SOURCES[name].linestyle, lw=1.7), text)]
     entries += [(sample(marker="+", ms=9, mew=1.8), "centre of mass")]
     if len(steps):
-        entries += [(sample(WAY, ls="-", lw=0.9, marker="o", mfc="white", ms=4), "start and way of a corner")]
+        entries += [(sample(PATH, ls="-", lw=0.9, marker="o", mfc="white", ms=4), "start and path of a corner")]
     if seen is not None and not seen.all():
         entries += [(sample(UNSEEN, marker="x", ms=7, mew=1.6), "never on the ground")]
     if len(beyond):
@@ -138,7 +138,7 @@ def learned_geometry(
                 com = view(1e3 * (given.com[b] + scale * (model.com[b] - given.com[b])))
                 _draw_body(ax, corners, com, edges, source)
             if len(steps):
-                _draw_way(ax, view(1e3 * steps[:, own]))
+                _draw_paths(ax, view(1e3 * steps[:, own]))
             if seen is not None:  # `corners` are the learned ones, which come last
                 ax.plot(*corners[~seen[own]].T, "x", ms=7, mew=1.6, color=UNSEEN, zorder=6, label="never seen")
             ax.plot(*view(1e3 * hidden).T, "x", ms=4, mew=0.9, color=UNSEEN, zorder=1, label="may reach")
@@ -166,10 +166,10 @@ def _draw_body(ax: Axes, corners: Array, com: Array, edges: NDArray[np.int64], s
     ax.plot(*com, "+", ms=9, mew=1.8, color=color, zorder=order + 3, label=f"{source} com")
 
 
-def _draw_way(ax: Axes, steps: Array) -> None:
+def _draw_paths(ax: Axes, steps: Array) -> None:
     """Where corners began and how they went, (k, n, 2) in one view [mm]."""
-    ax.plot(*steps[0].T, "o", ms=4, mfc="white", mec=WAY, mew=0.9, zorder=5, label="start")
-    paths = LineCollection(list(steps.swapaxes(0, 1)), colors=WAY, linewidths=0.9, zorder=5, label="way")
+    ax.plot(*steps[0].T, "o", ms=4, mfc="white", mec=PATH, mew=0.9, zorder=5, label="start")
+    paths = LineCollection(list(steps.swapaxes(0, 1)), colors=PATH, linewidths=0.9, zorder=5, label="path")
     ax.add_collection(paths, autolim=False)
 
 

@@ -95,7 +95,8 @@ def pool(cells: Sequence[Cell], *, model: str, swept: str, metric: str) -> Serie
     table = np.array([row for row in rows if np.isfinite(row[1])]).reshape(-1, 4)
     x = np.unique(table[:, 0])
     pooled = np.array([table[table[:, 0] == value, 1:].mean(axis=0) for value in x]).reshape(-1, 3)
-    return Series(model, x, *pooled.T, points=table[:, :2])
+    mean, low, high = pooled.T
+    return Series(model, x, mean, low, high, table[:, :2])
 
 
 def _chosen(cells: Sequence[Cell], *, from_flight: bool) -> list[Cell]:

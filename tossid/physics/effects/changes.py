@@ -1,4 +1,4 @@
-"""Changes of a world that several effects share: functions for `Effect.apply`."""
+"""What several effects share: changes of a world (for `Effect.apply`), bounds, and the states that forces depend on."""
 
 from __future__ import annotations
 
@@ -18,59 +18,33 @@ Apply = Callable[[World, Mapping[str, float]], World]
 
 
 def with_object(world: World, **changes: Any) -> World:
-    """The world with fields of its object replaced.
-
-    Args:
-        world: The world.
-        **changes: As for `ObjectModel.with_changes`.
-    """
+    """The world with fields of its object replaced, as by `ObjectModel.with_changes`."""
     return replace(world, object=world.object.with_changes(**changes))
 
 
-def half_size(model: ObjectModel) -> float:
-    """Half of the largest distance between an object's corners [m]: no patch of contact has a larger radius.
+def sets_forces(**names: str) -> Apply:
+    """An `apply` whose parameters are numbers of `Forces`: by field, the parameter's name."""
+    return lambda world, p: replace(world, forces=world.forces._replace(**{k: p[n] for k, n in names.items()}))
 
-    Args:
-        model: The object.
-    """
+
+def sets_law(**names: str) -> Apply:
+    """An `apply` whose parameters are numbers of the contact's `Law`: by field, the parameter's name."""
+    return lambda world, p: replace(world, law=world.law._replace(**{k: p[n] for k, n in names.items()}))
+
+
+def half_size(model: ObjectModel) -> float:
+    """Half of the largest distance between an object's corners [m]: no patch of contact has a larger radius."""
     corners = model.drawn.corner_pos
     return 0.5 * float(np.linalg.norm(corners[:, None] - corners[None], axis=-1).max())
 
 
 def half_thickness(model: ObjectModel) -> float:
-    """Half of an object's smallest extent along its axes [m]: no corner is rounder.
-
-    Args:
-        model: The object.
-    """
+    """Half of an object's smallest extent along its axes [m]: no corner is rounder."""
     return 0.5 * float(np.ptp(model.drawn.corner_pos, axis=0).min())
 
 
-def sets_forces(**names: str) -> Apply:
-    """An `apply` whose parameters are numbers of `Forces`.
-
-    Args:
-        **names: By field of `Forces`, the parameter.
-    """
-    return lambda world, p: replace(world, forces=world.forces._replace(**{k: p[n] for k, n in names.items()}))
-
-
-def sets_law(**names: str) -> Apply:
-    """An `apply` whose parameters are numbers of `Law`.
-
-    Args:
-        **names: By field of `Law`, the parameter.
-    """
-    return lambda world, p: replace(world, law=world.law._replace(**{k: p[n] for k, n in names.items()}))
-
-
 def air_speed(forces: Forces, u: Array) -> Array:
-    """Velocity (*b, 3) [m/s] relative to the air.
-
-    Args:
-        forces: With the wind.
-        u: (*b, 3) velocity [m/s], world axes.
-    """
+    """Velocity (*b, 3) [m/s] relative to the air, of velocities u (*b, 3) in the world."""
     return u - np.array([forces.wind_x, forces.wind_y, 0.0])
 
 
@@ -81,12 +55,6 @@ def size_of(state: Array) -> Array:
 
 
 def power_factor(forces: Forces, which: PoweredForce, state: Array) -> Array:
-    """Factor (*b, 1) of the force that grows with a further power of its state; 1 for the others.
-
-    Args:
-        forces: The forces.
-        which: The force.
-        state: (*b, n) what it depends on.
-    """
+    """Factor (*b, 1) of a force that grows with a further power of its state (*b, n); 1 for the others."""
     size = np.maximum(size_of(state), LEAST_STATE)
     return size**forces.power if forces.powered == which else np.ones_like(size)

@@ -10,23 +10,22 @@ from typing import Any
 import numpy as np
 
 from tossid.physics.effects.changes import half_size, sets_law, with_object
-from tossid.physics.effects.contact_in_mjcf import write_compliance, write_friction, write_restitution
-from tossid.physics.effects.effect import (
-    CONTACT_PHASES,
-    Effect,
-    InMujoco,
-    MjcfEdit,
-    NotExpressible,
-    Parameter,
-)
-from tossid.physics.effects.mjcf_edit import Edit, contact_pair
+from tossid.physics.effects.effect import CONTACT_PHASES, Effect, InMujoco, MjcfEdit, NotExpressible, Parameter
+from tossid.physics.effects.mjcf_edit import Edit
+from tossid.physics.effects.mujoco_contact import contact_pair, write_compliance, write_friction, write_restitution
 from tossid.physics.effects.strength import Strength, between, plain, scaled, sign_of
 from tossid.physics.effects.world import World
 
-TYPICAL_FRICTION = 0.18
-"""Coefficient of friction about which an audit's frictions are drawn."""
-TYPICAL_MASS = 0.37
-"""Mass [kg] for which an audit's dampers are drawn."""
+TYPICAL_FRICTION, TYPICAL_MASS = 0.18, 0.37
+"""Coefficient about which an audit's frictions are drawn, and mass [kg] for which its dampers are."""
+NO_SPEED = NotExpressible("MuJoCo's friction does not depend on speed", lambda world: world.law.static_rel != 1.0)
+NO_COHESION = NotExpressible(
+    "MuJoCo's friction is in proportion to the load", lambda world: world.object.cohesion != 0.0
+)
+NO_ADHESION = NotExpressible(
+    "MuJoCo's adhesion holds against a pull, and takes most of its friction from what slides",
+    lambda world: world.law.adhesion != 0.0,
+)
 
 
 def _velocity_friction(world: World, p: Mapping[str, float]) -> World:
@@ -77,7 +76,7 @@ def _compliance_of_size(size: float, u: np.ndarray) -> dict[str, float]:
 def _resist_spin(compiled: Any, world: World) -> None:
     """MuJoCo's own torsional and rolling friction, of contacts of 4 or 6 dimensions.
 
-    There they share one cone with friction, so that a sliding contact resists turning less than a resting one.
+    They share one cone with friction there, so that a sliding contact resists turning less than a resting one.
     """
     law = world.law
     if law.torsional > 0 or law.rolling > 0:
@@ -121,14 +120,13 @@ VELOCITY_FRICTION = Effect(
     phases=CONTACT_PHASES,
     apply=_velocity_friction,
     read=lambda world: {"static_mu": world.object.friction, "sliding_mu": world.object.friction},
-    mujoco=NotExpressible("MuJoCo's friction does not depend on speed", lambda world: world.law.static_rel != 1.0),
-    mjcf=NotExpressible("MuJoCo's friction does not depend on speed"),
+    mujoco=NO_SPEED,
+    mjcf=NO_SPEED,
     strength=Strength(0.15, 1.5, _velocity_friction_of_size),
     contains=("friction",),
-    starts=(
-        {"static_mu": 0.3, "sliding_mu": 0.15, "speed_ms": 0.2},
-        {"static_mu": 0.1, "sliding_mu": 0.25, "speed_ms": 0.4},
-        {"static_mu": 0.5, "sliding_mu": 0.12, "speed_ms": 0.3},
+    starts=tuple(
+        {"static_mu": static, "sliding_mu": sliding, "speed_ms": speed}
+        for static, sliding, speed in ((0.3, 0.15, 0.2), (0.1, 0.25, 0.4), (0.5, 0.12, 0.3))
     ),
 )
 
@@ -144,12 +142,7 @@ ANISOTROPIC_FRICTION = Effect(
     mjcf=MjcfEdit(_write_anisotropic),
     strength=Strength(0.1, 1.2, _anisotropic_of_size),
     contains=("friction",),
-    starts=(
-        {"x_mu": 0.1, "y_mu": 0.3},
-        {"x_mu": 0.3, "y_mu": 0.1},
-        {"x_mu": 0.07, "y_mu": 0.5},
-        {"x_mu": 0.5, "y_mu": 0.07},
-    ),
+    starts=tuple({"x_mu": x, "y_mu": y} for x, y in ((0.1, 0.3), (0.3, 0.1), (0.07, 0.5), (0.5, 0.07))),
 )
 
 COHESION = Effect(
@@ -159,8 +152,8 @@ COHESION = Effect(
     parameters=(Parameter("c_n", 0.0, 0.0, 2.0, 5e-3),),
     phases=CONTACT_PHASES,
     apply=lambda world, p: with_object(world, cohesion=p["c_n"]),
-    mujoco=NotExpressible("MuJoCo's friction is in proportion to the load", lambda world: world.object.cohesion != 0.0),
-    mjcf=NotExpressible("MuJoCo's friction is in proportion to the load"),
+    mujoco=NO_COHESION,
+    mjcf=NO_COHESION,
     strength=Strength(0.01, 1.5, plain("c_n")),
     starts=({"c_n": 0.1}, {"c_n": 0.4}, {"c_n": 1.2}),
 )
@@ -205,6 +198,12 @@ RESTITUTION = Effect(
     starts=({"e": 0.15}, {"e": 0.3}, {"e": 0.45}, {"e": 0.65}),
 )
 
+STARTS_OF_COMPLIANCE = (
+    *((6e4, 120.0, 0.0), (2e4, 60.0, 0.0), (2e4, 15.0, 0.0), (5e3, 30.0, 0.0), (5e3, 8.0, 0.0), (1.5e3, 10.0, 0.0)),
+    *((2.5e4, 185.0, 0.98), (4e3, 75.0, 0.93), (1e3, 37.0, 0.93)),
+)
+"""Stiffness, damping and impedance: plain springs first, then contact as MuJoCo has it."""
+
 COMPLIANCE = Effect(
     name="compliance",
     family="contact",
@@ -221,18 +220,7 @@ COMPLIANCE = Effect(
     strength=Strength(1e-5, 1e-3, _compliance_of_size),
     near_nothing=True,  # rigid contact is infinitely stiff
     starts=tuple(
-        {"stiffness_npm": k, "damping_nspm": d, "impedance_rel": impedance}
-        for k, d, impedance in (
-            (6e4, 120.0, 0.0),
-            (2e4, 60.0, 0.0),
-            (2e4, 15.0, 0.0),
-            (5e3, 30.0, 0.0),
-            (5e3, 8.0, 0.0),
-            (1.5e3, 10.0, 0.0),
-            (2.5e4, 185.0, 0.98),
-            (4e3, 75.0, 0.93),
-            (1e3, 37.0, 0.93),
-        )
+        {"stiffness_npm": k, "damping_nspm": d, "impedance_rel": impedance} for k, d, impedance in STARTS_OF_COMPLIANCE
     ),
 )
 
@@ -243,11 +231,8 @@ ADHESION = Effect(
     parameters=(Parameter("force_n", 0.0, 0.0, 10.0, 0.02),),
     phases=CONTACT_PHASES,
     apply=sets_law(adhesion="force_n"),
-    mujoco=NotExpressible(
-        "MuJoCo's adhesion holds against a pull, and takes most of its friction from what slides",
-        lambda world: world.law.adhesion != 0.0,
-    ),
-    mjcf=NotExpressible("MuJoCo's adhesion holds against a pull, and takes most of its friction from what slides"),
+    mujoco=NO_ADHESION,
+    mjcf=NO_ADHESION,
     strength=Strength(0.02, 3.0, plain("force_n")),
     starts=({"force_n": 0.3}, {"force_n": 2.0}),
 )

@@ -10,21 +10,15 @@ from numpy.typing import NDArray
 from tossid.rotations import quat_exp, quat_mul
 
 Array = NDArray[np.float64]
-_NO_TIME = 1e-6
-"""Share of a frame below which nothing moves."""
 Steps = int | NDArray[np.int64]
 Onward = Callable[[Array, Array, Steps, float], tuple[Array, Array]]
 """(q0 (B, nq), v0 (B, nv), frames, dt [s]) -> q (B, frames + 1, nq) and v (B, frames + 1, nv), first states too."""
+LEAST_SHARE = 1e-6
+"""Share of a frame below which nothing moves."""
 
 
 def turned_back(q: Array, v: Array, delay: float) -> Array:
-    """Configurations (*b, nq) with the rotations of a time before, at the present spin.
-
-    Args:
-        q: (*b, nq) configurations.
-        v: (*b, nv) velocities.
-        delay: That time [s]; negative for a time after.
-    """
+    """Configurations (*b, nq) with the rotations of a time before [s], at the present spin of velocities v (*b, nv)."""
     out = q.copy()
     out[..., 3:7] = quat_mul(q[..., 3:7], quat_exp(-delay * v[..., 3:6]))
     return out
@@ -47,21 +41,19 @@ def with_late_rotations(
     """
     if delay == 0.0:
         return q, v
-    frames = q.shape[1]
     ahead = int(np.floor(-delay / dt))
     part = -delay - ahead * dt
-    steps = n_steps + max(ahead, 0)
     # (motions that diverge stay NaN by their positions)
     q0, v0 = np.nan_to_num(q[:, 0]), np.nan_to_num(v[:, 0])
-    if part > _NO_TIME * dt:
+    if part > LEAST_SHARE * dt:
         q0, v0 = (np.nan_to_num(each[:, 1]) for each in onward(q0, v0, 1, part))
-    there = onward(q0, v0, steps, dt)
+    later_q, later_v = onward(q0, v0, n_steps + max(ahead, 0), dt)
     q, v = q.copy(), v.copy()
-    for frame in range(frames):
+    for frame in range(q.shape[1]):
         at = frame + ahead
         if at < 0:
             q[:, frame, 3:7] = turned_back(q[:, 0], v[:, 0], delay - frame * dt)[:, 3:7]
             v[:, frame, 3:6] = v[:, 0, 3:6]
         else:
-            q[:, frame, 3:7], v[:, frame, 3:6] = there[0][:, at, 3:7], there[1][:, at, 3:6]
+            q[:, frame, 3:7], v[:, frame, 3:6] = later_q[:, at, 3:7], later_v[:, at, 3:6]
     return q, v

@@ -57,11 +57,7 @@ class Parameter:
     form: bool = False
 
     def bounded(self, model: ObjectModel) -> Parameter:
-        """The parameter with bounds that an object's size allows.
-
-        Args:
-            model: The object.
-        """
+        """The parameter with bounds that an object's size allows."""
         if self.limit is None:
             return self
         most = self.limit(model)
@@ -71,7 +67,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class NotExpressible:
-    """Why something cannot express an effect.
+    """Why MuJoCo, MJCF or an audit cannot express an effect.
 
     Attributes:
         why: The reason, which reports quote.
@@ -86,13 +82,7 @@ class NotExpressible:
             raise InputError("an effect that cannot be expressed states why")
 
     def write(self, edit: Edit, before: World, after: World) -> None:
-        """Note in an edited MJCF model that it lacks the effect.
-
-        Args:
-            edit: The model.
-            before: The world without the effect.
-            after: The world with it.
-        """
+        """Note in an edited MJCF model that it lacks the effect that makes one world the other."""
         edit.cannot[edit.effect] = self.why
 
 
@@ -122,13 +112,7 @@ class MjcfEdit:
     of_links: NotExpressible | None = None
 
     def write(self, edit: Edit, before: World, after: World) -> None:
-        """Change a model from the world without the effect to the world with it.
-
-        Args:
-            edit: The model.
-            before: The world without the effect.
-            after: The world with it.
-        """
+        """Change an MJCF model from the world without the effect to the world with it."""
         if self.of_links is not None and after.object.n_joints:
             self.of_links.write(edit, before, after)
         else:
@@ -146,13 +130,7 @@ class RecordingCorrection:
     text: Callable[[World], str]
 
     def write(self, edit: Edit, before: World, after: World) -> None:
-        """Note beside an edited model how the recorded data are corrected.
-
-        Args:
-            edit: The model.
-            before: The world without the effect.
-            after: The world with it.
-        """
+        """Note beside an edited model how the recorded data are corrected."""
         edit.recording[edit.effect] = self.text(after)
 
 
@@ -227,11 +205,7 @@ class Effect:
         return self.family in ("fluid", "field") or self.name == "gravity"
 
     def bounded(self, model: ObjectModel) -> Effect:
-        """The effect with bounds that an object's size allows; itself where they are no narrower.
-
-        Args:
-            model: The object.
-        """
+        """The effect with bounds that an object's size allows; itself where they are no narrower."""
         parameters = tuple(p.bounded(model) for p in self.parameters)
         if all(new is old for new, old in zip(parameters, self.parameters, strict=True)):
             return self
@@ -240,41 +214,20 @@ class Effect:
         return replace(self, parameters=parameters, starts=starts)
 
     def nominal(self, world: World) -> Array:
-        """Values at which the effect changes nothing in a world.
-
-        Args:
-            world: The world.
-
-        Returns:
-            (P,) values in the order of the parameters.
-        """
+        """Values (P,), in the order of the parameters, at which the effect changes nothing in a world."""
         here = self.read(world)
         return np.array([here[p.name] if p.nominal is None else p.nominal for p in self.parameters])
 
     def named(self, values: Array) -> dict[str, float]:
-        """Values by the parameters' names.
-
-        Args:
-            values: (P,) in the order of the parameters.
-        """
+        """Values (P,) by the parameters' names."""
         return dict(zip((p.name for p in self.parameters), map(float, values), strict=True))
 
     def values_with(self, world: World, given: Mapping[str, float]) -> Array:
-        """Values (P,) of which some are given; the others are nominal.
-
-        Args:
-            world: The world without the effect.
-            given: By the parameters' names.
-        """
+        """Values (P,) of which some are given by the parameters' names; the others are nominal in a world."""
         return np.array(list((self.named(self.nominal(world)) | dict(given)).values()))
 
     def at(self, world: World, values: Array) -> World:
-        """The world with the effect.
-
-        Args:
-            world: The world without it.
-            values: (P,) in the order of the parameters; they are clipped to their ranges.
-        """
+        """The world with the effect, from that without it and values (P,), which are clipped to their ranges."""
         named = {p.name: float(np.clip(x, p.low, p.high)) for p, x in zip(self.parameters, values, strict=True)}
         return self.apply(world, named)
 

@@ -6,14 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.physics.effects.changes import power_factor, sets_forces
-from tossid.physics.effects.effect import (
-    SHARED_AMONG_LINKS,
-    Effect,
-    InMujoco,
-    MjcfEdit,
-    NotExpressible,
-    Parameter,
-)
+from tossid.physics.effects.effect import SHARED_AMONG_LINKS, Effect, InMujoco, MjcfEdit, NotExpressible, Parameter
 from tossid.physics.effects.environment import GROUP_OF_TILTS
 from tossid.physics.effects.mjcf_edit import Edit, write_acceleration
 from tossid.physics.effects.strength import Strength, directed, signed

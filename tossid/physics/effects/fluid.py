@@ -6,14 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.physics.effects.changes import air_speed, power_factor, sets_forces, size_of
-from tossid.physics.effects.effect import (
-    SHARED_AMONG_LINKS,
-    Effect,
-    InMujoco,
-    MjcfEdit,
-    NotExpressible,
-    Parameter,
-)
+from tossid.physics.effects.effect import SHARED_AMONG_LINKS, Effect, InMujoco, MjcfEdit, NotExpressible, Parameter
 from tossid.physics.effects.mjcf_edit import Edit
 from tossid.physics.effects.strength import Strength, between, directed, plain, signed
 from tossid.physics.effects.world import World
@@ -27,16 +20,14 @@ LEAST_DRAG = 0.02
 
 def _linear_drag(world: World, p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
     """-c w of the velocity w in the air."""
-    air = air_speed(world.forces, u)
-    return -world.forces.linear * power_factor(world.forces, PoweredForce.DRAG, air) * air, np.zeros_like(u)
+    f, air = world.forces, air_speed(world.forces, u)
+    return -f.linear * power_factor(f, PoweredForce.DRAG, air) * air, np.zeros_like(u)
 
 
 def _quadratic_drag(world: World, p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
     """-c |w| w of the velocity w in the air."""
-    air = air_speed(world.forces, u)
-    return -world.forces.quadratic * size_of(air) * power_factor(
-        world.forces, PoweredForce.DRAG, air
-    ) * air, np.zeros_like(u)
+    f, air = world.forces, air_speed(world.forces, u)
+    return -f.quadratic * size_of(air) * power_factor(f, PoweredForce.DRAG, air) * air, np.zeros_like(u)
 
 
 def _spin_drag(world: World, p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
@@ -64,14 +55,9 @@ def _box(world: World) -> Array:
 
 def _write_linear_drag(edit: Edit, before: World, after: World) -> None:
     d = float(_box(after).mean())
-    edit.set(
-        edit.spec.option,
-        "viscosity",
-        after.forces.linear / (3 * np.pi * d),
-        "option",
-        exact=False,
-        note=f"MuJoCo's viscosity also resists spin, here by {after.forces.linear * d * d / 3:.2g} N m s",
-    )
+    note = f"MuJoCo's viscosity also resists spin, here by {after.forces.linear * d * d / 3:.2g} N m s"
+    viscosity = after.forces.linear / (3 * np.pi * d)
+    edit.set(edit.spec.option, "viscosity", viscosity, "option", exact=False, note=note)
     if (after.forces.wind_x, after.forces.wind_y) != (0.0, 0.0):
         edit.set(edit.spec.option, "wind", [after.forces.wind_x, after.forces.wind_y, 0.0], "option")
 
@@ -79,14 +65,9 @@ def _write_linear_drag(edit: Edit, before: World, after: World) -> None:
 def _write_quadratic_drag(edit: Edit, before: World, after: World) -> None:
     a, b, c = _box(after)
     area = (a * b + b * c + c * a) / 3
-    edit.set(
-        edit.spec.option,
-        "density",
-        after.forces.quadratic / (0.75 * 0.5 * area),
-        "option",
-        exact=False,
-        note="MuJoCo's drag is of a box: as strong on average over directions; it also resists spin",
-    )
+    note = "MuJoCo's drag is of a box: as strong on average over directions; it also resists spin"
+    density = after.forces.quadratic / (0.75 * 0.5 * area)
+    edit.set(edit.spec.option, "density", density, "option", exact=False, note=note)
 
 
 LINEAR_DRAG = Effect(

@@ -16,14 +16,12 @@ from numpy.typing import NDArray
 
 from tossid.errors import InputError
 from tossid.objects import ObjectModel, to_mjcf
-from tossid.physics.batch import tree_batch
 from tossid.physics.effects.effect import InMujoco, NotExpressible
 from tossid.physics.effects.mujoco_contact import bouncing_solref, soft_contact
 from tossid.physics.effects.registry import all_effects
 from tossid.physics.effects.world import World
+from tossid.physics.effects.wrenches import body_motions, wrench_of_world
 from tossid.physics.mujoco_engine import RIGID_DAMPING, RIGID_SOLIMP, RIGID_STEP, compile_scene, run_scene
-from tossid.physics.registered_forces import combined, wrenches_of
-from tossid.physics.system import make_system
 
 Array = NDArray[np.float64]
 
@@ -34,16 +32,11 @@ PUSH_STEP = 2e-4
 
 
 def inexpressible(world: World) -> tuple[str, ...]:
-    """Names of the effects in a world that MuJoCo cannot express.
-
-    Args:
-        world: The world.
-    """
-    found = []
-    for effect in all_effects():
-        lack = effect.mujoco
-        if isinstance(lack, NotExpressible) and lack.present is not None and lack.present(world):
-            found.append(effect.name)
+    """Names of the effects in a world that MuJoCo cannot express."""
+    lacking = [(effect.name, effect.mujoco) for effect in all_effects()]
+    found = [
+        name for name, form in lacking if isinstance(form, NotExpressible) and form.present and form.present(world)
+    ]
     return (*found, "residual") if world.k_res is not None else tuple(found)
 
 
@@ -82,28 +75,20 @@ def toss_in_mujoco(
         raise InputError(f"MuJoCo cannot express {', '.join(missing)}")
     if n_steps < 1 or not dt > 0 or (substeps is not None and substeps < 1):
         raise InputError(f"{n_steps} steps of {dt} s in {substeps} substeps; expected positive numbers")
-    bouncy, forced = world.object.restitution > 0, world.has_forces
+    bouncy = world.object.restitution > 0
     if soft and (bouncy or world.object.compliance > 0):
         raise InputError("MuJoCo's default contact neither bounces nor yields by stated numbers")
     if substeps is None:
         step = DEFAULT_STEP if soft else RIGID_STEP
         substeps = math.ceil(dt / (0.5 * step if bouncy else step))
-    hold = 1
-    if forced:
+    hold, push = 1, None
+    if world.has_forces:
         pushes = min(substeps, math.ceil(dt / PUSH_STEP))
         hold = math.ceil(substeps / pushes)
         substeps = hold * pushes
-    return run_scene(
-        scene(world, dt / substeps, soft=soft),
-        world.object,
-        q0,
-        v0,
-        n_steps,
-        substeps,
-        push=pusher(world, hold * dt / substeps) if forced else None,
-        hold=hold,
-        n_threads=n_threads,
-    )
+        push = pusher(world, hold * dt / substeps)
+    compiled = scene(world, dt / substeps, soft=soft)
+    return run_scene(compiled, world.object, q0, v0, n_steps, substeps, push=push, hold=hold, n_threads=n_threads)
 
 
 def scene(world: World, step: float, *, soft: bool = False) -> mujoco.MjModel:
@@ -121,9 +106,9 @@ def scene(world: World, step: float, *, soft: bool = False) -> mujoco.MjModel:
     else:
         solref, solimp = (DEFAULT_SOLREF, DEFAULT_SOLIMP) if soft else (_solref(world, step), RIGID_SOLIMP)
         compiled = compile_scene(model, gravity, step, solref, solimp)
-    for form in _forms():
-        if form.scene is not None:
-            form.scene(compiled, world)
+    for effect in all_effects():
+        if isinstance(effect.mujoco, InMujoco) and effect.mujoco.scene is not None:
+            effect.mujoco.scene(compiled, world)
     return compiled
 
 
@@ -137,30 +122,23 @@ def scene_text(model: ObjectModel, *, gravity: float, step: float) -> str:
     """
     world = World(model, gravity=gravity)
     if model.compliance > 0:
-        text: str = _compliant(world, step).to_xml()
-        return text
+        return str(_compliant(world, step).to_xml())
     return to_mjcf(model, gravity=gravity, timestep=step, solref=_solref(world, step), solimp=RIGID_SOLIMP)
 
 
 def _solref(world: World, step: float) -> tuple[float, float]:
     """Of contact that does not give way: near rigid, or bouncing."""
-    if not world.object.restitution > 0:
-        return 2 * step, RIGID_DAMPING
-    return bouncing_solref(world.object.restitution, step)
+    restitution = world.object.restitution
+    return bouncing_solref(restitution, step) if restitution > 0 else (2 * step, RIGID_DAMPING)
 
 
 def _compliant(world: World, step: float) -> mujoco.MjSpec:
-    model = world.object
+    """The scene with a contact pair for each body, in place of contacts of all with all."""
+    model, mu = world.object, world.object.friction
     spec = mujoco.MjSpec.from_string(to_mjcf(model, gravity=world.gravity, timestep=step))
-    for body in range(model.n_bodies):
-        if (model.corner_body == body).any():
-            spec.add_pair(
-                name=f"contact_{body}",
-                geomname1="ground",
-                geomname2=f"hull_{body}",
-                condim=3,
-                friction=[model.friction, model.friction, 0.0, 0.0, 0.0],
-            )
+    for body in np.unique(model.corner_body):
+        pair = spec.add_pair(name=f"contact_{body}", geomname1="ground", geomname2=f"hull_{body}")
+        pair.condim, pair.friction = 3, [mu, mu, 0.0, 0.0, 0.0]
     for geom in spec.geoms:
         geom.contype, geom.conaffinity = 0, 0
     compiled = spec.compile()
@@ -197,55 +175,7 @@ def pusher(world: World, hold: float) -> Callable[[Array, Array], Array]:
         for b in range(model.n_bodies):
             force, _ = wrench(p[:, b], u[:, b], omega[:, b])
             middle_p, middle_u = p[:, b] + 0.5 * hold * u[:, b], u[:, b] + 0.5 * hold * (gravity + force / total)
-            force, torque = wrench(middle_p, middle_u, omega[:, b])
-            out[:, 1 + b, :3], out[:, 1 + b, 3:] = model.mass[b] / total * force, model.mass[b] / total * torque
+            out[:, 1 + b] = model.mass[b] / total * np.concatenate(wrench(middle_p, middle_u, omega[:, b]), axis=1)
         return out
 
     return push
-
-
-def wrench_of_world(world: World) -> Callable[[Array, Array, Array], tuple[Array, Array]]:
-    """The forces of a world's state on a single body of the object's whole mass, gravity not among them.
-
-    Args:
-        world: the simulator.
-
-    Returns:
-        A function from the place and velocity of the body's centre of mass and its spin, (B, 3) each, to the force [N]
-        there and the torque [N m], (B, 3) each; all in the ground's axes.
-    """
-    on_ground = world.with_changes(forces=world.forces_on_ground())
-    wrenches = [form.wrench for form in _forms() if form.wrench is not None]
-    registered = combined(world.registered)
-
-    def wrench(p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
-        force, torque = wrenches_of(registered, p, u, omega) if world.registered else np.zeros((2, *p.shape))
-        for one in wrenches:
-            more, turning = one(on_ground, p, u, omega)
-            force, torque = force + more, torque + turning
-        return force, torque
-
-    return wrench
-
-
-def body_motions(model: ObjectModel, q: Array, v: Array) -> tuple[Array, Array, Array]:
-    """Motion of the bodies, in world axes.
-
-    Args:
-        model: the object.
-        q: (B, nq) configurations.
-        v: (B, nv) velocities.
-
-    Returns:
-        Positions [m] and velocities [m/s] of the bodies' centres of mass, and spins [rad/s], (B, n_b, 3) each.
-    """
-    turned = tree_batch(make_system(model), q, v)
-    spin = np.einsum("nbij,nbj->nbi", turned.R, turned.omega)
-    arm = np.einsum("nbij,bj->nbi", turned.R, model.com)
-    origin = np.einsum("nbij,nbjk,nk->nbi", turned.R, turned.X[:, :, 3:], v)
-    return turned.x + arm, origin + np.cross(spin, arm), spin
-
-
-def _forms() -> list[InMujoco]:
-    """How MuJoCo simulates effects, of all that it can."""
-    return [effect.mujoco for effect in all_effects() if isinstance(effect.mujoco, InMujoco)]

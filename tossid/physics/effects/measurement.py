@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -21,10 +20,6 @@ from tossid.physics.effects.world import World
 
 def _recorded(world: World, **changes: Any) -> World:
     return replace(world, recording=replace(world.recording, **changes))
-
-
-def _offset(world: World, p: Mapping[str, float]) -> World:
-    return _recorded(world, frame_offset=(p["x_m"], p["y_m"], p["z_m"]))
 
 
 def _listed(values: tuple[float, ...]) -> str:
@@ -59,7 +54,7 @@ BODY_FRAME_OFFSET = Effect(
     family="measurement",
     says="the recorded frame does not sit where the object's frame is",
     parameters=tuple(Parameter(f"{a}_m", 0.0, -0.05, 0.05, 5e-4) for a in "xyz"),
-    apply=_offset,
+    apply=lambda world, p: _recorded(world, frame_offset=(p["x_m"], p["y_m"], p["z_m"])),
     mujoco=InMujoco(),
     mjcf=RecordingCorrection(
         lambda world: (

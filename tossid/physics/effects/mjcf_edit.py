@@ -1,8 +1,8 @@
-"""A MuJoCo model under change, and the list of what has changed in it."""
+"""A MuJoCo model under change, the list of what has changed in it, and parts of edits that several effects share."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import mujoco
@@ -39,12 +39,8 @@ class Change:
     note: str = ""
 
     def as_json(self) -> dict[str, Any]:
-        """The change, as gap.json has it.
-
-        Returns:
-            Plain values.
-        """
-        return dict(vars(self))
+        """The change as plain values, as gap.json has it."""
+        return asdict(self)
 
 
 @dataclass
@@ -66,10 +62,7 @@ class Edit:
     cannot: dict[str, str] = field(default_factory=dict)
 
     def compiled(self) -> mujoco.MjModel:
-        """The model, compiled.
-
-        Returns:
-            MuJoCo's model.
+        """MuJoCo's model, compiled.
 
         Raises:
             ObjectError: MuJoCo cannot compile it.
@@ -87,30 +80,26 @@ class Edit:
     @property
     def own(self) -> list[mujoco.MjsGeom]:
         """Geoms of the object that can collide."""
-        bodies = self.spec.bodies[1:]  # the first is the world
-        return [g for body in bodies for g in body.geoms if g.contype or g.conaffinity]
-
-    @property
-    def joints(self) -> list[mujoco.MjsJoint]:
-        """Joints between links, in the order of the links."""
-        return [joint for joint in self.spec.joints if joint.type != mujoco.mjtJoint.mjJNT_FREE]
+        return [g for body in self.spec.bodies[1:] for g in body.geoms if g.contype or g.conaffinity]
 
     @property
     def grounds(self) -> list[mujoco.MjsGeom]:
         """Geoms of the world that the object can collide with."""
         return [g for g in self.spec.worldbody.geoms if g.contype or g.conaffinity]
 
-    def set(self, element: Any, attribute: str, value: Any, where: str, *, exact: bool = True, note: str = "") -> None:
-        """Set an attribute, and record the change.
+    @property
+    def contacts(self) -> list[tuple[str, mujoco.MjsGeom | mujoco.MjsPair]]:
+        """The elements in which contact's numbers stand, each with its name in words."""
+        geoms = [(named("geom", geom), geom) for geom in (*self.grounds, *self.own)]
+        return [*geoms, *((named("contact pair", pair), pair) for pair in self.spec.pairs)]
 
-        Args:
-            element: The element of the model.
-            attribute: The attribute.
-            value: The new value.
-            where: The element in words.
-            exact: Whether MuJoCo's law is the effect's own.
-            note: What a reader should know beside.
-        """
+    @property
+    def joints(self) -> list[mujoco.MjsJoint]:
+        """Joints between links, in the order of the links."""
+        return [joint for joint in self.spec.joints if joint.type != mujoco.mjtJoint.mjJNT_FREE]
+
+    def set(self, element: Any, attribute: str, value: Any, where: str, *, exact: bool = True, note: str = "") -> None:
+        """Set an attribute of an element of the model, and record the change; other arguments are `Change`'s."""
         before = _text(getattr(element, attribute))
         setattr(element, attribute, value)
         after = _text(getattr(element, attribute))
@@ -120,16 +109,7 @@ class Edit:
     def changed(
         self, where: str, attribute: str, before: Any, after: Any, *, exact: bool = True, note: str = ""
     ) -> None:
-        """Record a change.
-
-        Args:
-            where: The element in words.
-            attribute: The attribute.
-            before: Its value before.
-            after: Its value after.
-            exact: Whether MuJoCo's law is the effect's own.
-            note: What a reader should know beside.
-        """
+        """Record a change; the arguments are `Change`'s."""
         self.changes.append(Change(self.effect, where, attribute, _text(before), _text(after), exact, note))
 
 
@@ -140,17 +120,9 @@ def _text(value: Any) -> str:
     return " ".join(f"{x:.6g}" for x in numbers)
 
 
-# ---------------------------------------------------------------- parts of edits that several effects share
-
-
-def named(what: str, element: Any) -> str:
-    """An element in words, with its name if it has one.
-
-    Args:
-        what: The kind of element.
-        element: The element.
-    """
-    return f"{what} '{element.name}'" if element.name else what
+def named(kind: str, element: Any) -> str:
+    """An element in words, with its name if it has one."""
+    return f"{kind} '{element.name}'" if element.name else kind
 
 
 def body_of(m: mujoco.MjModel) -> int:
@@ -162,9 +134,6 @@ def own_inertial(edit: Edit) -> tuple[float, Array, Array]:
     """Mass [kg], centre of mass (3,) [m] and inertia (3, 3) [kg m²] of the base.
 
     They are made explicit in the model, so that changed geoms do not change them.
-
-    Args:
-        edit: The model.
     """
     m = edit.compiled()
     b = body_of(m)
@@ -176,27 +145,14 @@ def own_inertial(edit: Edit) -> tuple[float, Array, Array]:
 
 
 def write_inertial(body: mujoco.MjsBody, mass: float, com: Array, I: Array) -> None:
-    """Set the inertial parameters of a body.
-
-    Args:
-        body: The body of the model.
-        mass: [kg].
-        com: (3,) centre of mass [m].
-        I: (3, 3) inertia about it [kg m²].
-    """
+    """Set a body's mass [kg], centre of mass (3,) [m] and inertia (3, 3) about it [kg m²]."""
     body.explicitinertial = True
     body.mass, body.ipos, body.iquat, body.inertia = mass, com, [1, 0, 0, 0], [0, 0, 0]
     body.fullinertia = [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
 
 
 def write_acceleration(edit: Edit, before: World, after: World) -> None:
-    """Set gravity to that of a world with a uniform force: both are accelerations of the centre of mass.
-
-    Args:
-        edit: The model.
-        before: The world without the effect.
-        after: The world with it.
-    """
+    """Set gravity to that of a world with a uniform force: both are accelerations of the centre of mass."""
     m = float(after.object.mass.sum())
     delta = np.array([getattr(after.forces, a) - getattr(before.forces, a) for a in "xyz"]) / m
     delta[2] -= after.gravity - before.gravity
@@ -204,62 +160,14 @@ def write_acceleration(edit: Edit, before: World, after: World) -> None:
     edit.set(edit.spec.option, "gravity", np.array(edit.spec.option.gravity) + delta, "option", note=note)
 
 
-def contact_pair(edit: Edit, world: World) -> mujoco.MjsPair | None:
-    """The explicit contact pair of object and ground, made where there is none yet; None where it would be several.
-
-    Args:
-        edit: The model.
-        world: The world that the model is of.
-    """
-    if len(edit.grounds) != 1 or len(edit.own) != 1:
-        edit.cannot[edit.effect] = "needs one ground geom and one geom of the object"
-        return None
-    if edit.spec.pairs:
-        return edit.spec.pairs[0]
-    (ground,), (own,) = edit.grounds, edit.own
-    ground.name, own.name = ground.name or "ground", own.name or "object"
-    mu, law = world.object.friction, world.law
-    pair = edit.spec.add_pair(
-        name="contact",
-        geomname1=ground.name,
-        geomname2=own.name,
-        friction=[mu, mu, max(law.torsional, own.friction[1]), *[max(law.rolling, own.friction[2])] * 2],
-        solref=own.solref,
-        solimp=own.solimp,
-    )
-    pair.condim = max(3, own.condim)
-    where = f"contact pair '{ground.name}', '{own.name}'"
-    edit.changed(where, "condim", "", int(pair.condim), note="a pair of its own")
-    return pair
-
-
-def contacts(edit: Edit) -> list[tuple[str, mujoco.MjsGeom | mujoco.MjsPair]]:
-    """The elements in which contact's numbers stand, each with its name in words.
-
-    Args:
-        edit: The model.
-    """
-    geoms = [(named("geom", geom), geom) for geom in (*edit.grounds, *edit.own)]
-    return [*geoms, *((named("contact pair", pair), pair) for pair in edit.spec.pairs)]
-
-
 def refine_step(edit: Edit, step: float) -> None:
-    """Set a time step that is at most so long.
-
-    Args:
-        edit: The model.
-        step: [s].
-    """
+    """Set a time step that is at most so long [s]."""
     if step < edit.spec.option.timestep:
         edit.set(edit.spec.option, "timestep", step, "option", note="resolves the contact's spring")
 
 
 def round_cone(edit: Edit) -> None:
-    """Set friction that is the same in all directions.
-
-    Args:
-        edit: The model.
-    """
+    """Set friction that is the same in all directions."""
     if edit.spec.option.cone != mujoco.mjtCone.mjCONE_ELLIPTIC:
         edit.spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         edit.changed("option", "cone", "pyramidal", "elliptic")

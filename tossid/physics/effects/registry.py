@@ -23,12 +23,6 @@ _registered: dict[str, Effect] = {}
 def register_effect(effect: Effect) -> Effect:
     """Add an effect to the library of this process: diagnoses fit it, and synthesis and audits can contain it.
 
-    Args:
-        effect: With a name that no other effect has.
-
-    Returns:
-        The effect.
-
     Raises:
         InputError: There is an effect of this name.
     """
@@ -41,9 +35,6 @@ def register_effect(effect: Effect) -> Effect:
 
 def unregister_effect(name: str) -> None:
     """Take out an effect that was registered.
-
-    Args:
-        name: Its name.
 
     Raises:
         InputError: No effect of this name was registered.
@@ -58,37 +49,25 @@ def all_effects() -> tuple[Effect, ...]:
 
 
 def effects_for(model: ObjectModel) -> tuple[Effect, ...]:
-    """The effects that an object can have.
+    """The effects that an object can have, in the form and with the bounds that they have for it.
 
-    Args:
-        model: The object. Effects of joints are only for objects with joints, those of sharp corners for objects whose
-            shape has no round part.
-
-    Returns:
-        The effects, in the form and with the bounds that they have for this object.
+    Effects of joints are only for objects with joints, those of sharp corners for objects whose shape has no round
+    part.
     """
-    every = [effect for effect in all_effects() if model.roundness is None or not effect.sharp_only]
+    possible = [effect for effect in all_effects() if model.roundness is None or not effect.sharp_only]
     if not model.n_joints:
-        return tuple(effect.bounded(model) for effect in every if not effect.needs_joints)
-    return tuple((effect.of_links or effect).bounded(model) for effect in every)
+        return tuple(effect.bounded(model) for effect in possible if not effect.needs_joints)
+    return tuple((effect.of_links or effect).bounded(model) for effect in possible)
 
 
 def effect_named(name: str) -> Effect:
-    """The effect of a name, in its form for objects without joints; or the further power of such an effect's force.
-
-    Args:
-        name: The effect's name, or that of its `other_power_law`.
-
-    Returns:
-        The effect.
+    """The effect of a name, or of the name of an effect's `other_power_law`, in its form for objects without joints.
 
     Raises:
         InputError: There is none.
     """
     for effect in all_effects():
-        if effect.name == name:
-            return effect
-        law = effect.other_power_law
-        if law is not None and law.name == name:
-            return law
+        for found in (effect, effect.other_power_law):
+            if found is not None and found.name == name:
+                return found
     raise InputError(f"there is no effect '{name}' in the library")

@@ -38,65 +38,26 @@ def sign_of(draws: Array) -> float:
 
 
 def plain(name: str) -> ValuesOfSize:
-    """The values of an effect whose one parameter is its size.
-
-    Args:
-        name: The parameter.
-
-    Returns:
-        The function for `Strength.values`.
-    """
+    """Values whose one parameter is the size."""
     return lambda size, u: {name: size}
 
 
 def signed(name: str, middle: float = 0.0) -> ValuesOfSize:
-    """The values of an effect whose parameter is a size above or below a middle.
-
-    Args:
-        name: The parameter.
-        middle: Its value at size 0.
-
-    Returns:
-        The function for `Strength.values`.
-    """
+    """Values whose one parameter is a size above or below a middle."""
     return lambda size, u: {name: middle + sign_of(u) * size}
 
 
 def scaled(name: str, middle: float = 1.0) -> ValuesOfSize:
-    """The values of an effect whose parameter is multiplied or divided by exp(size).
-
-    Args:
-        name: The parameter.
-        middle: Its value at size 0.
-
-    Returns:
-        The function for `Strength.values`.
-    """
+    """Values whose one parameter is a middle multiplied or divided by exp(size)."""
     return lambda size, u: {name: middle * math.exp(sign_of(u) * size)}
 
 
 def directed(*names: str) -> ValuesOfSize:
-    """The values of an effect whose size is the length of a vector in a drawn direction.
-
-    Args:
-        *names: The parameters, one for each axis.
-
-    Returns:
-        The function for `Strength.values`.
-    """
+    """Values of which the size is the length of a vector in a drawn direction, one name for each axis."""
     n = len(names)
     return lambda size, u: dict(zip(names, (size / np.linalg.norm(u[:n]) * u[:n]).tolist(), strict=True))
 
 
 def between(low: float, high: float, u: float) -> float:
-    """A value between two limits, log-uniform if the draw is uniform between -1 and 1.
-
-    Args:
-        low: The limit at u = -1.
-        high: The limit at u = 1.
-        u: The draw.
-
-    Returns:
-        The value.
-    """
+    """A value between two limits, log-uniform if the draw u is uniform between -1 and 1."""
     return low * (high / low) ** (0.5 * (1 + u))

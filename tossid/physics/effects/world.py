@@ -76,11 +76,7 @@ class World:
     registered: tuple[RegisteredForce, ...] = ()
 
     def with_force(self, force: RegisteredForce) -> World:
-        """A copy with a registered force, in the place of one of the same class if there is one.
-
-        Args:
-            force: Parameters of a class that is registered (`register_force`).
-        """
+        """A copy with a force of a registered class, in the place of one of the same class if there is one."""
         others = tuple(other for other in self.registered if type(other) is not type(force))
         return replace(self, registered=(*others, force))
 
@@ -122,11 +118,7 @@ class World:
         return self.forces.acts or bool(self.registered)
 
     def flies_like(self, other: World) -> bool:
-        """Whether free motion is the same in both: they differ in contact at most, or in where contact begins.
-
-        Args:
-            other: Another world.
-        """
+        """Whether free motion is the same in both: they differ in contact at most, or in where contact begins."""
         if self is other:
             return True
         alike = self.gravity == other.gravity and self.forces == other.forces and self.recording == other.recording

@@ -1,18 +1,65 @@
-"""What pulls at an object in the air: of a world's gravity and forces, and of a learned acceleration."""
+"""What acts on an object in the air: wrenches and accelerations of a world's forces, and of a learned acceleration."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.objects import ObjectModel, corner_heights
 from tossid.physics.batch import learned_accelerations, tree_batch
-from tossid.physics.effects.in_mujoco import body_motions, wrench_of_world
+from tossid.physics.effects.effect import InMujoco
+from tossid.physics.effects.registry import all_effects
 from tossid.physics.effects.world import World
+from tossid.physics.registered_forces import combined, wrenches_of
 from tossid.physics.system import LearnedAcceleration, make_system
 from tossid.rotations import quat_conj, quat_rotate
 
 Array = NDArray[np.float64]
+
+
+def wrench_of_world(world: World) -> Callable[[Array, Array, Array], tuple[Array, Array]]:
+    """The forces of a world's state on a single body of the object's whole mass, gravity not among them.
+
+    Args:
+        world: the simulator.
+
+    Returns:
+        A function from the place and velocity of the body's centre of mass and its spin, (B, 3) each, to the force [N]
+        there and the torque [N m], (B, 3) each; all in the ground's axes.
+    """
+    on_ground = world.with_changes(forces=world.forces_on_ground())
+    forms = [effect.mujoco for effect in all_effects()]
+    wrenches = [form.wrench for form in forms if isinstance(form, InMujoco) and form.wrench is not None]
+    registered = combined(world.registered)
+
+    def wrench(p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
+        force, torque = wrenches_of(registered, p, u, omega) if world.registered else np.zeros((2, *p.shape))
+        for one in wrenches:
+            more, turning = one(on_ground, p, u, omega)
+            force, torque = force + more, torque + turning
+        return force, torque
+
+    return wrench
+
+
+def body_motions(model: ObjectModel, q: Array, v: Array) -> tuple[Array, Array, Array]:
+    """Motion of the bodies, in world axes.
+
+    Args:
+        model: the object.
+        q: (B, nq) configurations.
+        v: (B, nv) velocities.
+
+    Returns:
+        Positions [m] and velocities [m/s] of the bodies' centres of mass, and spins [rad/s], (B, n_b, 3) each.
+    """
+    turned = tree_batch(make_system(model), q, v)
+    spin = np.einsum("nbij,nbj->nbi", turned.R, turned.omega)
+    arm = np.einsum("nbij,bj->nbi", turned.R, model.com)
+    origin = np.einsum("nbij,nbjk,nk->nbi", turned.R, turned.X[:, :, 3:], v)
+    return turned.x + arm, origin + np.cross(spin, arm), spin
 
 
 def acceleration_of_forces(world: World, q: Array, v: Array) -> Array:
@@ -31,16 +78,7 @@ def acceleration_of_forces(world: World, q: Array, v: Array) -> Array:
 
 
 def acceleration_of_motions(world: World, q: Array, motions: tuple[Array, Array, Array]) -> Array:
-    """The same from the motions of an object's bodies, which need not be computed anew for other forces.
-
-    Args:
-        world: the simulator.
-        q: (B, nq) true configurations.
-        motions: what `body_motions` gives.
-
-    Returns:
-        As of `acceleration_of_forces`.
-    """
+    """The same from `body_motions` of the object, which need not be computed anew for other forces."""
     model, wrench, total = world.object, wrench_of_world(world), float(world.object.mass.sum())
     p, u, omega = motions
     linear = np.tile(world.gravity_on_ground(), (len(q), 1))
@@ -54,11 +92,11 @@ def acceleration_of_motions(world: World, q: Array, motions: tuple[Array, Array,
 
 
 def learned_field(model: ObjectModel, k_res: LearnedAcceleration | None, q: Array, v: Array) -> Array:
-    """What a learned acceleration does to an object in the air.
+    """What a learned acceleration (None for none) does to an object in the air.
 
     Args:
         model: the object, as it was learned.
-        k_res: the learned acceleration; None for none.
+        k_res: the learned acceleration.
         q: (B, nq) true configurations.
         v: (B, nv) velocities.
 
@@ -77,22 +115,8 @@ def learned_field(model: ObjectModel, k_res: LearnedAcceleration | None, q: Arra
 
 
 def airborne(model: ObjectModel, q: Array, *, clearance: float = 0.1) -> NDArray[np.bool_]:
-    """Marks states (B,) in which all corners are clear of the ground; a field may make flights unlike free fall.
+    """Marks states (B,), of configurations q (B, nq) in the ground's frame, in which all corners are off the ground.
 
-    Args:
-        model: the object.
-        q: (B, nq) configurations in the ground's frame.
-        clearance: share of the width above the ground.
+    They are clear of it by a share of the width. (A field may make flights unlike free fall.)
     """
     return np.asarray(corner_heights(model, q).min(axis=-1) > clearance * model.width)
-
-
-def share_recovered(found: Array, true: Array) -> float:
-    """1 - |found - true| / |true|, root mean squares over states: 1 for the field itself, 0 for none.
-
-    Args:
-        found: (B, 3) accelerations that were learned.
-        true: (B, 3) those that act.
-    """
-    size, miss = (float(np.sqrt(np.square(x).sum(axis=1).mean())) for x in (true, found - true))
-    return 1.0 - miss / size

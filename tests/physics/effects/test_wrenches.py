@@ -9,8 +9,7 @@ from tests.models.made import thrown
 from tossid.objects import ObjectModel
 from tossid.physics import LearnedAcceleration, n_features, simulate
 from tossid.physics.effects import World, effect_named
-from tossid.physics.effects.fields import acceleration_of_forces, airborne, learned_field, share_recovered
-from tossid.physics.effects.in_mujoco import body_motions
+from tossid.physics.effects.wrenches import acceleration_of_forces, airborne, body_motions, learned_field
 
 FORCES = {
     "vortex": [3.0],
@@ -55,12 +54,10 @@ def test_a_learned_field_is_that_of_its_forces(cube: ObjectModel) -> None:
     q[:, :2] = np.random.default_rng(2).normal(size=(6, 2))
     true, found = acceleration_of_forces(world, q, v), learned_field(off, k_res, q, v)
     assert not found[:, 3:].any()
-    # the learned one is a field of the origin's place, the force one of the centre of mass's
-    assert share_recovered(found[:, :3], true[:, :3]) > 0.8
-    assert share_recovered(
-        learned_field(cube, k_res, q, v)[:, :3],
-        acceleration_of_forces(World(cube, gravity=0.0, forces=world.forces), q, v)[:, :3],
-    ) == pytest.approx(1.0)
+    # the learned one is a field of the origin's place, the force one of the centre of mass's: 2 cm apart of a metre
+    assert np.linalg.norm(found - true, axis=1).mean() < 0.2 * np.linalg.norm(true, axis=1).mean()
+    centred = acceleration_of_forces(World(cube, gravity=0.0, forces=world.forces), q, v)
+    np.testing.assert_allclose(learned_field(cube, k_res, q, v)[:, :3], centred[:, :3], atol=1e-9)
     assert not learned_field(off, None, q, v).any()
 
 
@@ -68,10 +65,3 @@ def test_what_is_clear_of_the_ground_is_airborne(cube: ObjectModel) -> None:
     q = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (2, 1))
     q[:, 2] = 0.5 * cube.width + 0.1 * cube.width * np.array([0.99, 1.01])
     assert airborne(cube, q).tolist() == [False, True]
-
-
-def test_share_recovered() -> None:
-    true = np.array([[3.0, 0.0, 0.0], [0.0, 4.0, 0.0]])
-    assert share_recovered(true, true) == 1.0
-    assert share_recovered(0 * true, true) == 0.0
-    assert share_recovered(0.9 * true, true) == pytest.approx(0.9)

@@ -1,0 +1,187 @@
+"""The library: what an effect states, what objects can have, what a user adds, and what several effects share."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from tests.physics.effects.toy import registered
+from tossid import code_digest as digests
+from tossid.audit.strengths import strengths_for
+from tossid.code_digest import code_digest
+from tossid.errors import InputError
+from tossid.objects import ObjectModel
+from tossid.physics.effects import (
+    BUILT_IN,
+    JOINT_EFFECTS,
+    LIBRARY,
+    Effect,
+    Forces,
+    InMujoco,
+    Law,
+    NotExpressible,
+    Strength,
+    World,
+    all_effects,
+    effect_named,
+    effects_for,
+    register_effect,
+    unregister_effect,
+)
+from tossid.physics.effects.changes import air_speed, power_factor, sets_forces, sets_law, with_object
+from tossid.physics.effects.strength import between, directed, plain, scaled, signed
+from tossid.physics.forces import LEAST_STATE, PoweredForce
+
+FRICTION = effect_named("friction")
+DRAWS = np.linspace(-0.9, 0.7, 8)
+"""Of an audit."""
+
+
+@pytest.mark.parametrize("field", ["mujoco", "mjcf", "strength"])
+def test_an_effect_without_a_form_or_the_reason_is_refused(field: str) -> None:
+    with pytest.raises(InputError, match=f"effect 'friction' states no {field}"):
+        replace(FRICTION, **{field: None})
+    given = {each.name: getattr(FRICTION, each.name) for each in fields(FRICTION) if each.name != field}
+    with pytest.raises(TypeError, match=field):
+        Effect(**given)
+
+
+def test_a_reason_says_something_and_which_worlds_mujoco_must_refuse() -> None:
+    with pytest.raises(InputError, match="states why"):
+        NotExpressible(" ")
+    with pytest.raises(InputError, match="which worlds have it"):
+        replace(FRICTION, mujoco=NotExpressible("MuJoCo has no friction"))
+    assert replace(FRICTION, strength=NotExpressible("no audit")).name == "friction"
+
+
+@pytest.mark.parametrize("effect", BUILT_IN, ids=lambda effect: effect.name)
+def test_a_world_has_an_effect_that_mujoco_lacks_exactly_when_it_was_applied(cube: ObjectModel, effect: Effect) -> None:
+    if isinstance(effect.mujoco, InMujoco):
+        return
+    world = World(cube)
+    assert effect.mujoco.present is not None
+    assert not effect.mujoco.present(effect.at(world, effect.nominal(world)))
+    values = np.array([p.low + 0.3 * k * (p.high - p.low) for k, p in enumerate(effect.parameters, start=1)])
+    assert effect.mujoco.present(effect.at(world, values))
+
+
+def test_values_are_clipped_to_their_ranges_and_named(cube: ObjectModel) -> None:
+    assert FRICTION.at(World(cube), np.array([7.0])).object.friction == FRICTION.parameters[0].high
+    assert FRICTION.named(np.array([0.3])) == {"mu": 0.3}
+    assert FRICTION.nominal(World(cube)) == pytest.approx([cube.friction])
+
+
+def test_a_force_may_grow_with_another_power(cube: ObjectModel) -> None:
+    assert FRICTION.other_power_law is None
+    law = effect_named("vortex").other_power_law
+    assert law is not None
+    assert law is effect_named("vortex").other_power_law
+    assert effect_named(law.name) is law
+    forces = law.at(World(cube), np.array([1.5])).forces
+    assert (forces.powered, forces.power) == (PoweredForce.VORTEX, 1.5)
+    with pytest.raises(InputError, match="there is no effect 'friction's power'"):
+        effect_named("friction's power")
+
+
+@pytest.mark.parametrize("name", [effect.name for effect in LIBRARY if not effect.near_nothing])
+def test_an_effect_at_its_nominal_values_changes_nothing(cube: ObjectModel, name: str) -> None:
+    world = World(cube)
+    effect = effect_named(name)
+    same = effect.at(world, effect.nominal(world))
+    rng = np.random.default_rng(0)
+    q = np.concatenate([rng.uniform([-0.1, -0.1, 0.1], [0.1, 0.1, 0.2], (20, 3)), rng.normal(size=(20, 4))], axis=1)
+    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
+    v = rng.normal(size=(20, 6)) * [1, 1, 1, 5, 5, 5]
+    nominal = world.roll_out(q, v, n_steps=60, dt=1 / 148, substeps=2)
+    np.testing.assert_array_equal(same.roll_out(q, v, n_steps=60, dt=1 / 148, substeps=2), nominal)
+
+
+def test_names_are_unique_and_effects_refer_to_each_other_by_them() -> None:
+    names = [effect.name for effect in BUILT_IN]
+    assert len(set(names)) == len(names)
+    for effect in BUILT_IN:
+        assert {*effect.contains, *effect.made_of, *effect.one_of_group} <= set(names)
+        for other in effect.one_of_group:
+            assert effect_named(other).one_of_group == effect.one_of_group
+        for start in effect.starts:
+            assert set(start) <= {p.name for p in effect.parameters}
+
+
+def test_objects_with_joints_have_more_effects(cube: ObjectModel, elbow: ObjectModel) -> None:
+    of_cube = effects_for(cube)
+    assert [effect.name for effect in of_cube] == [effect.name for effect in LIBRARY]
+    # no patch of contact is wider than the object
+    (radius,) = next(effect for effect in of_cube if effect.name == "torsional_friction").parameters
+    assert radius.high == pytest.approx(0.5 * np.sqrt(3) * 0.1048)
+    of_links = effects_for(elbow)
+    assert [effect.name for effect in of_links] == [effect.name for effect in (*LIBRARY, *JOINT_EFFECTS)]
+    assert len(next(effect for effect in of_links if effect.name == "inertia").parameters) == 3
+
+
+def test_a_registered_effect_is_in_the_library_and_in_digests(
+    cube: ObjectModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(digests, "_outside", {})
+    before = code_digest("tossid.physics.effects.registry")
+    with registered() as effect:
+        assert effects_for(cube)[-1] is effect
+        assert effect_named("height_pull") is effect
+        assert "height_pull" in strengths_for(cube)
+        assert code_digest("tossid.physics.effects.registry") != before
+        with pytest.raises(InputError, match="already is an effect 'height_pull'"):
+            register_effect(effect)
+    assert all_effects() == BUILT_IN
+    with pytest.raises(InputError, match="no effect 'height_pull'"):
+        effect_named("height_pull")
+    with pytest.raises(InputError, match="no effect 'gravity' was registered"):
+        unregister_effect("gravity")
+
+
+@pytest.mark.parametrize("effect", BUILT_IN, ids=lambda effect: effect.name)
+def test_an_effect_s_strengths_are_within_the_ranges_of_its_parameters(effect: Effect) -> None:
+    if effect.name == "rotation_delay":  # moves no position, by which an audit measures strengths
+        assert isinstance(effect.strength, NotExpressible)
+        return
+    assert isinstance(effect.strength, Strength)
+    known = {p.name: p for p in effect.parameters}
+    rng = np.random.default_rng(0)
+    for size in (effect.strength.low, effect.strength.high):
+        for _ in range(5):
+            for key, value in effect.strength.values(size, rng.uniform(-1, 1, 8)).items():
+                assert known[key].low <= value <= known[key].high, (key, value)
+
+
+def test_sizes_become_parameters() -> None:
+    values = directed("x_m", "y_m", "z_m")(0.02, DRAWS)
+    assert np.linalg.norm(list(values.values())) == pytest.approx(0.02)
+    assert plain("c")(0.3, DRAWS) == {"c": 0.3}
+    assert signed("c", 9.81)(0.3, DRAWS) == {"c": pytest.approx(9.51)}
+    assert signed("c", 9.81)(0.3, -DRAWS) == {"c": pytest.approx(10.11)}
+    assert scaled("c")(0.0, DRAWS) == {"c": 1.0}
+    assert scaled("c")(np.log(2), DRAWS) == {"c": pytest.approx(0.5)}
+    assert between(1, 4, -1.0) == 1
+    assert between(1, 4, 0.0) == pytest.approx(2)
+
+
+def test_a_change_sets_what_it_names_and_nothing_else(cube: ObjectModel) -> None:
+    world = World(cube, forces=Forces(z=1.0), law=Law(rolling=0.1))
+    changed = sets_forces(linear="c", x="f")(world, {"c": 0.2, "f": -0.3})
+    assert changed == world.with_changes(forces=Forces(linear=0.2, x=-0.3, z=1.0))
+    changed = sets_law(torsional="radius")(world, {"radius": 0.02})
+    assert changed == world.with_changes(law=Law(torsional=0.02, rolling=0.1))
+    other = with_object(world, friction=0.4)
+    assert (other.object.friction, other.forces, cube.friction) == (0.4, world.forces, 0.18)
+
+
+def test_velocity_in_the_air_is_that_less_the_wind() -> None:
+    forces = Forces(wind_x=2.0, wind_y=-1.0)
+    np.testing.assert_array_equal(air_speed(forces, np.array([2.0, -1.0, 0.5])), [0.0, 0.0, 0.5])
+
+
+def test_one_force_has_a_further_power_of_its_state() -> None:
+    forces, state = Forces(powered=float(PoweredForce.SPRING), power=2.0), np.array([[3.0, 4.0], [0.0, 0.0]])
+    np.testing.assert_allclose(power_factor(forces, PoweredForce.SPRING, state), [[25.0], [LEAST_STATE**2]])
+    np.testing.assert_array_equal(power_factor(forces, PoweredForce.DRAG, state), 1.0)
+    assert np.isfinite(power_factor(forces._replace(power=-2.0), PoweredForce.SPRING, state)).all()
