@@ -72,9 +72,9 @@ def main(folder: Path, study: Study, console: Console) -> None:
     import numpy as np
 
     import tossid
+    from experiments.random_starts import end_difference, random_starts
     from tossid.errors import TossidError
     from tossid.objects import GRAVITY
-    from tossid.training.starts import end_difference, random_starts
 
     dataset = tossid.ingest(folder / "contactnets_cube", source="contactnets")
     held_out, stated = dataset.split("test"), dataset.object

@@ -40,8 +40,8 @@ def run(config: TrainConfig, console: Console) -> dict[str, Any]:
         fit = prepare(dataset, config.settings())
     except InputError as error:
         raise InputError(f"{data}: {error}") from error
-    if fit.leak is not None:
-        console.warn(f"{data}: {fit.leak}")
+    if "copies" in fit.remarks:
+        console.warn(f"{data}: {fit.remarks['copies']['warning']}")
     unknown = fit.settings.object
     if unknown is not None and config.object is None:
         said = f"states no object: it is learned as object=unknown object.links={unknown.links} learns it"
@@ -83,7 +83,7 @@ def _train(
         made = unfinished.folder / "made"
         checkpoint = write_outputs(made, config, trained, run=tracked.id)
         figures = write_figures(training_figures(trained, name=name), made / "figures")
-        if fit.shown is not None and not trained.object.n_joints:
+        if fit.unknown is not None and not trained.object.n_joints:
             figures.append(write_hull_film(trained, fit.true_tosses, made / "figures" / "hull_over_tosses.gif"))
         numbers = {key: value for key, value in trained.parameters.items() if isinstance(value, float)}
         tracked.metrics({**numbers, "seconds": trained.seconds}, step=len(trained.history))

@@ -57,7 +57,7 @@ class Unfinished:
         Args:
             state: Of `tossid.training.api.Epoch`.
         """
-        from tossid.models.checkpoints import tensor_bytes
+        from tossid.models.trained import tensor_bytes
 
         write_whole(self.folder / STATE, tensor_bytes({"schema": SCHEMA, **state}))
 

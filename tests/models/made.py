@@ -6,7 +6,7 @@ import numpy as np
 
 from tossid.models.predictor import Simulator
 from tossid.objects import ObjectModel
-from tossid.physics import make_system
+from tossid.physics import make_system, simulate
 from tossid.settings.training import ModelSettings
 from tossid.types import Toss
 
@@ -33,3 +33,14 @@ def tosses(model: ObjectModel, count: int, *, seed: int, frames: int = 70, subst
     zero, phase = np.zeros((frames + 1, model.nv, model.nv)), np.zeros(frames + 1, dtype=np.uint8)
     t = np.arange(frames + 1) * DT
     return [Toss(str(i), t, run.q[i], run.v[i], zero, zero, phase) for i in range(count)]
+
+
+def flights(model: ObjectModel, count: int, *, noise: float = 0.0) -> list[Toss]:
+    """Tosses that come nowhere near the ground, with noise [m/s] of the base's velocity."""
+    rng = np.random.default_rng(0)
+    q, v = thrown(rng, count, model.n_joints)
+    q[:, 2] += 1.0
+    run = simulate(make_system(model), q, v, n_steps=30, dt=DT, substeps=16)
+    zero, t = np.zeros((31, model.nv, model.nv)), np.arange(31) * DT
+    run.v[..., :3] += noise * rng.normal(size=(count, 31, 3))
+    return [Toss(str(i), t, run.q[i], run.v[i], zero, zero, np.zeros(31, np.uint8)) for i in range(count)]

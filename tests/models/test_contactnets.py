@@ -1,4 +1,4 @@
-"""The implicit loss: its gradient against finite differences, and truth recovered from synthetic tosses."""
+"""ContactNets: its gradient in free parameters, and truth recovered from synthetic tosses."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from tests.models.made import tosses
-from tests.models.test_transitions import flights
+from tests.models.made import flights, tosses
 from tossid.models.contactnets import ContactNets
 from tossid.models.transitions import Transitions, make_transitions
 from tossid.objects import ObjectModel
@@ -55,12 +54,7 @@ def test_geometry_and_friction_come_back(cube: ObjectModel) -> None:
     made = tosses(cube, 64, seed=3)
     start = cube.with_changes(corner_pos=1.2 * cube.corner_pos, friction=2 * cube.friction)
     model = ContactNets(start, ModelSettings(horizons=()))
-    fit = Fit(
-        model,
-        made[:48],
-        made[48:],
-        TrainSettings(epochs=60, patience=10),
-    )
+    fit = Fit(model, made[:48], made[48:], TrainSettings(epochs=60, patience=10))
     records = list(fit.epochs())
     assert records[-1].validation_loss < records[0].validation_loss
     learned = model.learned_object()

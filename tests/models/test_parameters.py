@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
-from math import log, sqrt
+from math import exp, log, sqrt
 
 import numpy as np
 import pytest
 import torch
 
-from tossid.models.parameters import COHESION, ContactLaw, Friction, Geometry, LearnedAccelerationNet
+from tossid.models.parameters import (
+    COHESION,
+    CONTACT_TIMES_MS,
+    DAMPINGS,
+    SIMULATOR_STEP_MS,
+    ContactLaw,
+    Friction,
+    Geometry,
+    LearnedAccelerationNet,
+)
+from tossid.models.predictor import Simulator
 from tossid.models.protocol import Mechanics
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.physics import learned_accelerations, make_system, n_features, tree_batch
+from tossid.rotations import quat_to_matrix
 
 
 def test_geometry_and_friction_start_at_the_object(cube: ObjectModel) -> None:
@@ -35,29 +46,19 @@ def test_the_contact_law_is_its_time_damping_and_cohesion(cube: ObjectModel) -> 
     with torch.no_grad():
         law.value[2] = -0.2  # as differences beside none may leave it
     assert law()[2] == 0.0
-    assert float(law.starts([2.0], [0.5], simulator_step_ms=1.7)[0][2]) == COHESION
+    assert float(law.soft_starts()[-1][2]) == COHESION
     with torch.no_grad():
         law.value[2] = 0.2
-    assert float(law.starts([2.0], [0.5], simulator_step_ms=1.7)[0][2]) == pytest.approx(0.2)
-    with torch.no_grad():
-        law.value.copy_(law.rigid())
-    starts = law.starts([2.0], [0.5], simulator_step_ms=1.7)
-    assert float(starts[0][2]) == COHESION
-    assert float(starts[0][1].exp()) == pytest.approx(sqrt(1 + 2 * 1.7) / 2)
-    assert float(law.rigid()[0]) < float(starts[0][0])
-
-
-def test_k_res_is_the_same_in_torch_and_in_arrays() -> None:
-    net = LearnedAccelerationNet(1, hidden=5, generator=torch.Generator().manual_seed(0))
-    rng = np.random.default_rng(0)
-    with torch.no_grad():
-        for parameter in net.parameters():
-            parameter += 0.1 * torch.from_numpy(rng.normal(size=tuple(parameter.shape)))
-    features = rng.normal(size=(7, n_features(1)))
-    arrays = net.arrays()
-    hidden = np.tanh(np.tanh(features @ arrays.W0.T + arrays.b0) @ arrays.W1.T + arrays.b1)
-    whole = features @ arrays.linear.T + hidden @ arrays.W2.T
-    np.testing.assert_allclose(net(torch.from_numpy(features)).detach().numpy(), whole, rtol=1e-12)
+    assert float(law.soft_starts()[-1][2]) == pytest.approx(0.2)
+    law.move(law.rigid())
+    assert not law.yields
+    starts = law.soft_starts()
+    time, damping, cohesion = starts[-1].tolist()
+    assert cohesion == COHESION
+    assert exp(time) == pytest.approx(CONTACT_TIMES_MS[-1])
+    slow = DAMPINGS[-1] * CONTACT_TIMES_MS[-1]
+    assert exp(damping) == pytest.approx(sqrt(slow**2 + 2 * SIMULATOR_STEP_MS * slow) / CONTACT_TIMES_MS[-1])
+    assert all(float(law.rigid()[0]) < float(start[0]) for start in starts)
 
 
 def test_mechanics_separate_the_uniform_vertical_part(elbow: ObjectModel) -> None:
@@ -71,16 +72,25 @@ def test_mechanics_separate_the_uniform_vertical_part(elbow: ObjectModel) -> Non
     rest = net.without_vertical(torch.from_numpy(features)).detach().numpy()
     np.testing.assert_allclose(mechanics.k_res_without_vertical(features), rest, atol=1e-12)
     assert not Mechanics(elbow, 5.0).k_res_without_vertical(features).any()
+    assert Mechanics(elbow, 5.0).carried_gravity == 5.0
+    q = np.array([[0.0, 0, 0.3, 0.8, 0.6, 0, 0, 0.1]])
+    flat = LearnedAccelerationNet(1, hidden=5, generator=torch.Generator().manual_seed(0))
+    with torch.no_grad():
+        flat.vertical -= 0.97
+    carried = Mechanics(elbow, 0.0, flat.arrays(), flat.uniform_vertical())
+    assert carried.carried_gravity == pytest.approx(9.7)
+    fall = Simulator(carried.system()).acceleration(q, np.zeros((1, 7)))
+    np.testing.assert_allclose(fall[0, :3], [0, 0, -9.7], atol=1e-9)
 
 
+@pytest.mark.parametrize("world", [False, True])
 @pytest.mark.parametrize("joints", [0, 1])
-def test_k_res_of_the_world_is_the_same_in_torch_and_in_arrays(
-    cube: ObjectModel, elbow: ObjectModel, joints: int
+def test_k_res_is_the_same_in_torch_and_in_the_simulator(
+    cube: ObjectModel, elbow: ObjectModel, joints: int, world: bool
 ) -> None:
     model, rng = (cube, elbow)[joints], np.random.default_rng(0)
-    net = LearnedAccelerationNet(
-        joints, hidden=5, generator=torch.Generator().manual_seed(0), world=True, gravity=False
-    )
+    generator = torch.Generator().manual_seed(0)
+    net = LearnedAccelerationNet(joints, hidden=5, generator=generator, world=world, gravity=not world)
     with torch.no_grad():
         for parameter in net.parameters():
             if parameter.requires_grad:
@@ -90,6 +100,9 @@ def test_k_res_of_the_world_is_the_same_in_torch_and_in_arrays(
     features = tree_batch(make_system(model), q, v).features
     found = net(torch.from_numpy(features)).detach().numpy()
     np.testing.assert_allclose(found, learned_accelerations(net.arrays(), features, model.nv), rtol=1e-9)
+    with_it, without = (Simulator(make_system(model, k_res=k)).acceleration(q, v) for k in (net.arrays(), None))
+    linear = np.einsum("nij,nj->ni", quat_to_matrix(q[:, 3:7]), found[:, :3])
+    np.testing.assert_allclose(with_it - without, np.hstack([linear, found[:, 3:]]), rtol=1e-7, atol=1e-9)
 
 
 def test_a_k_res_without_a_gravity_of_its_own_has_it_in_its_linear_part() -> None:

@@ -7,23 +7,20 @@ from dataclasses import replace
 import numpy as np
 
 from tossid.models import build_model, variant
-from tossid.models.random_start import draw_start
+from tossid.models.random_start import BALL, CORNER_OFFSET, FRICTION, draw_start
 from tossid.objects import ObjectModel
-from tossid.settings.training import StartSettings
 
 
 def test_corners_are_off_by_a_normal_number_or_in_a_ball(cube: ObjectModel) -> None:
-    settings = StartSettings()
     rng = np.random.default_rng(0)
-    drawn = [draw_start(cube, rng, settings) for _ in range(40)]
-    off = np.concatenate([start.object.corner_pos - cube.corner_pos for start in drawn])
-    np.testing.assert_allclose(off.std(), settings.offset_rel * 0.5 * cube.width, rtol=0.1)
-    low, high = settings.friction
-    assert all(low <= start.object.friction <= high for start in drawn)
-    np.testing.assert_allclose(drawn[0].object.inertia, drawn[0].inertia_rel * cube.inertia)
-    ball = draw_start(cube, rng, settings, ball=True, inertia=False)
-    assert np.linalg.norm(ball.object.corner_pos, axis=1).max() <= settings.ball
-    np.testing.assert_array_equal(ball.object.inertia, cube.inertia)
+    drawn, scales = zip(*(draw_start(cube, rng) for _ in range(40)), strict=True)
+    off = np.concatenate([start.corner_pos - cube.corner_pos for start in drawn])
+    np.testing.assert_allclose(off.std(), CORNER_OFFSET * 0.5 * cube.width, rtol=0.1)
+    assert all(FRICTION[0] <= start.friction <= FRICTION[1] for start in drawn)
+    np.testing.assert_allclose(drawn[0].inertia, scales[0] * cube.inertia)
+    ball, _ = draw_start(cube, rng, ball=True, inertia=False)
+    assert np.linalg.norm(ball.corner_pos, axis=1).max() <= BALL
+    np.testing.assert_array_equal(ball.inertia, cube.inertia)
 
 
 def test_the_seed_draws_a_models_start(cube: ObjectModel) -> None:

@@ -53,7 +53,7 @@ def test_a_variant_has_the_stages_and_parameters_of_its_settings(cube: ObjectMod
         return
     last = plans["rollout-90"]
     assert last.objective is Objective.ROLLOUT
-    assert (last.starts is not None) == (name in ("cnrpi", "diffsim"))
+    assert (last.contact_law is not None) == (name in ("cnrpi", "diffsim"))
     corners = any(parameter.shape == cube.corner_pos.shape for parameter in last.parameters)
     assert corners == (name == "diffsim")
 

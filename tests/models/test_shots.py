@@ -1,18 +1,22 @@
-"""Shots: what they start from, how far they go, and their errors against simulated truth."""
+"""Training data: which transitions are flight, what shots start from, how far they go, and their errors."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.models.made import DT, tosses
+from tests.models.made import DT, flights, tosses
 from tossid.models.predictor import Simulator
-from tossid.models.shots import first_states, flight_starts, make_shots, make_stretches, prediction_errors, stretches
+from tossid.models.shots import Shots, first_states, make_shots, make_stretches, prediction_errors, stretches
+from tossid.models.transitions import make_transitions
 from tossid.motion import flight_frames
 from tossid.objects import ObjectModel, corner_positions
 from tossid.physics import make_system
+from tossid.rotations import quat_boxminus, quat_normalize
 from tossid.settings.training import ModelSettings
 from tossid.types import Toss
 
@@ -22,28 +26,60 @@ def made(cube: ObjectModel) -> list[Toss]:
     return tosses(cube, 4, seed=0, substeps=ModelSettings.substeps)
 
 
+@pytest.mark.parametrize("noise", [0.0, 2e-3])
+def test_frames_in_the_hand_are_not_flight(cube: ObjectModel, noise: float) -> None:
+    free = flights(cube, 8, noise=noise)
+    assert len(make_transitions(cube, free).flight) == 8 * 30
+    held = []
+    for toss in free:
+        v = toss.v.copy()
+        v[1:, 2] += 9.81 * DT  # the first transition is at rest, as if in a hand
+        held.append(replace(toss, v=v))
+    found = make_transitions(cube, held)
+    assert len(found.flight) == 8 * 29
+    fall = found.in_flight().dv[:, 2] / found.in_flight().dt
+    assert float(fall.mean()) == pytest.approx(-9.81, abs=1e-6 + 30 * noise)
+
+
+def test_links_that_swing_about_one_another_are_in_flight(elbow: ObjectModel) -> None:
+    """The base's own acceleration is anything; that of the common centre of mass is gravity."""
+    assert len(make_transitions(elbow, flights(elbow, 8)).flight) == 8 * 30
+
+
+def shots_of(model: ObjectModel, made: list[Toss], predictor: Simulator, **keys: Any) -> Shots:
+    first = first_states(made, model, predictor, velocity_lag=0.0)
+    return make_shots(model, made, horizon=10, first=first, **{"flight": [None] * len(made), **keys})
+
+
 def test_the_simulator_that_made_them_predicts_without_error(cube: ObjectModel, made: list[Toss]) -> None:
-    predictor = Simulator(make_system(cube))
-    first = first_states(made, cube, predictor, velocity_lag=0.0)
-    starts = flight_starts(cube, made, gravity=9.81)
-    shots = make_shots(cube, made, horizon=10, first=first, flight=[None] * len(made))
+    shots = shots_of(cube, made, Simulator(make_system(cube)))
     np.testing.assert_array_equal(shots.n_steps, [min(flight_frames(toss, cube) + 10, 70) for toss in made])
-    errors = prediction_errors(predictor, shots)
-    assert np.abs(errors).max() < 1e-9
-    assert sum(start is not None for start in starts) > 0
-    both = make_shots(cube, made, horizon=10, first=first, flight=starts)
-    assert len(both.q0) == len(made) + sum(start is not None for start in starts)
+    assert np.abs(prediction_errors(Simulator(make_system(cube)), shots)).max() < 1e-9
+    start: Any = SimpleNamespace(q=made[1].q[0], v=made[1].v[0])
+    both = shots_of(cube, made, Simulator(make_system(cube)), flight=[None, start, None, None])
+    assert both.toss.tolist() == [0, 1, 1, 2, 3]
 
 
 def test_errors_are_predicted_minus_measured_in_half_widths(cube: ObjectModel, made: list[Toss]) -> None:
     flight = [toss.frames(slice(0, 6)) for toss in made]
-    predictor = Simulator(make_system(cube, gravity=9.81 + 2.0))
-    q0, v0 = first_states(flight, cube, predictor, velocity_lag=0.0)
-    shots = make_shots(cube, flight, horizon=10, first=(q0, v0), flight=[None] * len(flight))
-    k = np.arange(1, 6)
-    expected = -2.0 * (DT * k) ** 2 / 2
+    shots = shots_of(cube, flight, predictor := Simulator(make_system(cube, gravity=9.81 + 2.0)))
+    expected = -2.0 * (DT * np.arange(1, 6)) ** 2 / 2
     errors = prediction_errors(predictor, shots)[..., 2] * 0.5 * cube.width
     np.testing.assert_allclose(errors, np.tile(expected, (4, 1)), rtol=1e-6)
+
+
+def test_errors_have_rotation_vectors_and_joints_and_end_with_their_shot() -> None:
+    rng = np.random.default_rng(0)
+    q, target = rng.normal(size=(5, 9, 9)), rng.normal(size=(5, 8, 9))
+    q[..., 3:7], target[..., 3:7] = quat_normalize(q[..., 3:7]), quat_normalize(target[..., 3:7])
+    q[0, 1, 3:7] = target[0, 0, 3:7]  # no rotation at all
+    shots = Shots(q[:, 0], np.zeros((5, 8)), np.array([8, 3, 1, 8, 5]), target, np.arange(5), DT, 0.05)
+    predictor: Any = SimpleNamespace(rollout=lambda *_, **__: SimpleNamespace(q=q))
+    turned = quat_boxminus(q[:, 1:, 3:7], target[..., 3:7])
+    parts = [(q[:, 1:, :3] - target[..., :3]) / 0.05, turned, q[:, 1:, 7:] - target[..., 7:]]
+    expected = np.concatenate(parts, axis=-1)
+    expected[np.arange(8) >= shots.n_steps[:, None]] = 0.0
+    np.testing.assert_allclose(prediction_errors(predictor, shots), expected, rtol=1e-12, atol=1e-15)
 
 
 def test_a_state_in_the_ground_is_lifted_and_a_late_velocity_brought_forward(
@@ -52,8 +88,7 @@ def test_a_state_in_the_ground_is_lifted_and_a_late_velocity_brought_forward(
     low = made[0].q[0].copy()
     low[2] = 0.0
     sunk = replace(made[0], q=np.vstack([low, made[0].q[1:]]))
-    predictor = Simulator(make_system(cube))
-    q, v = first_states([sunk], cube, predictor, velocity_lag=0.01)
+    q, v = first_states([sunk], cube, Simulator(make_system(cube)), velocity_lag=0.01)
     assert corner_positions(cube, q)[..., 2].min() == pytest.approx(0.0, abs=1e-12)
     assert v[0, 2] == pytest.approx(sunk.v[0, 2] - 0.0981)
 
@@ -68,13 +103,10 @@ def test_stretches_cover_a_toss_once(cube: ObjectModel, made: list[Toss]) -> Non
 
 
 def test_the_shots_of_some_tosses_have_the_errors_that_they_have_among_all(cube: ObjectModel, made: list[Toss]) -> None:
-    predictor = Simulator(make_system(cube, gravity=9.0))
-    first = first_states(made, cube, predictor, velocity_lag=0.0)
-    shots = make_shots(cube, made, horizon=10, first=first, flight=[None] * len(made))
+    shots = shots_of(cube, made, predictor := Simulator(make_system(cube, gravity=9.0)))
     assert len(shots.in_shares(3)) == 1
     assert [share.toss.tolist() for share in shots.in_shares(1)] == [[0], [2], [1, 3]]
     some, rest = shots.in_shares(2)
-    np.testing.assert_array_equal(some.toss, [0, 2])
-    np.testing.assert_array_equal(rest.toss, [1, 3])
+    assert (some.toss.tolist(), rest.toss.tolist()) == ([0, 2], [1, 3])
     errors = prediction_errors(predictor, some)
     np.testing.assert_array_equal(errors, prediction_errors(predictor, shots)[[0, 2], : errors.shape[1]])

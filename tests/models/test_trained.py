@@ -1,18 +1,153 @@
-"""A trained model as a value: its losses, its parameters with intervals, and how it shows itself."""
+"""Trained models as values, and in files: what is written comes back, older files open, damaged ones are refused."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+import torch
 
+from tossid.errors import FileError
 from tossid.models import EpochRecord, TrainedModel, build_model, variant
+from tossid.models.trained import LOG_COHESION, OLDER, checkpoint_bytes
 from tossid.objects import ObjectModel
+from tossid.settings.kinds import to_plain
 from tossid.settings.training import TrainSettings
 
 
+def trained(cube: ObjectModel, name: str) -> TrainedModel:
+    """An untrained model with offsets in all its parameters."""
+    settings = TrainSettings(model=replace(variant(name), hidden=4, gravity=5.0, start_corners=1e-3), seed=3)
+    model = build_model(settings.model, cube, seed=3)
+    rng = np.random.default_rng(0)
+    with torch.no_grad():
+        for parameter in model.state_dict().values():
+            parameter += 0.01 * torch.from_numpy(rng.normal(size=tuple(parameter.shape)))
+    record = EpochRecord("contact", 1, 0.2, 0.1, {"prediction": 0.2}, 3, 0.01, True)
+    return TrainedModel(
+        model, settings, {"friction": 0.2}, (record,), 1.5, Path("/data/tosses.h5"), "a" * 64, {"numpy": "2.4.1"}
+    )
+
+
+def same_motion(one: TrainedModel, other: TrainedModel) -> None:
+    q = np.array([[0, 0, 0.3, 0.8, 0.6, 0, 0]])
+    v = np.array([[0.5, 0, -1, 1, 2, 3.0]])
+    runs = [each.model.simulator().rollout(q, v, n_steps=30, dt=1 / 148).q for each in (one, other)]
+    np.testing.assert_array_equal(*runs)
+
+
+@pytest.mark.parametrize("name", ["cn", "cnrpi", "diffsim", "e2e"])
+def test_what_is_saved_comes_back(cube: ObjectModel, tmp_path: Path, name: str) -> None:
+    before = trained(cube, name)
+    after = TrainedModel.load(before.save(tmp_path / "model.pt"))
+    for field in ("settings", "parameters", "history", "seconds", "data", "sha256", "name", "versions"):
+        assert getattr(after, field) == getattr(before, field), field
+    same_motion(before, after)
+
+
+OLD_KEYS = [
+    "name",
+    "gravity",
+    "hidden",
+    "residual_weight",
+    "complementarity",
+    "dissipation",
+    "penetration",
+    "gap_scale",
+    "horizons",
+    "inertia",
+    "start_inertia",
+    "start_com",
+    "length_scale",
+    "velocity_lag",
+]
+"""The keys of the first checkpoints of schema 2."""
+
+
+@pytest.mark.parametrize("name", ["cn", "cnrp", "cnrpi", "diffsim", "e2e"])
+def test_a_checkpoint_of_the_schema_before_opens(cube: ObjectModel, tmp_path: Path, name: str) -> None:
+    now = trained(cube, name)
+    now = replace(
+        now, settings=replace(now.settings, model=replace(now.settings.model, start_corners=0.0, impact_parts=1))
+    )
+    model = build_model(now.settings.model, cube, seed=3)
+    model.load_state_dict(now.model.state_dict())
+    now = replace(now, model=model)
+    content: dict[str, Any] = torch.load(_bytes(checkpoint_bytes(now), tmp_path), weights_only=True)
+    plain = to_plain(now.settings.model)
+    old = {
+        "schema": OLDER,
+        "config": {key: plain[key] for key in OLD_KEYS},
+        "seed": 3,
+        "data": "/data/tosses.h5",
+        "sha256": "a" * 64,
+        "object": content["object"],
+        "model": {key.replace("k_res.", "residual."): value for key, value in with_log(content["model"]).items()},
+        "fit": {},
+    }
+    torch.save(old, tmp_path / "old.pt")
+    opened = TrainedModel.load(tmp_path / "old.pt")
+    assert opened.settings == now.settings
+    assert opened.data == Path("/data/tosses.h5")
+    assert opened.parameters == opened.model.parameters_report()
+    same_motion(now, opened)
+
+
+def with_log(model: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    """Weights with the logarithm of cohesion, as schemas 2 and 3 have them."""
+    law = model.get("contact_law.value")
+    return model if law is None else {**model, "contact_law.value": torch.cat([law[:2], law[2:].log()])}
+
+
+def test_a_checkpoint_with_the_logarithm_of_cohesion_opens(cube: ObjectModel, tmp_path: Path) -> None:
+    now = trained(cube, "cnrpi")
+    content = torch.load(_bytes(checkpoint_bytes(now), tmp_path), weights_only=True)
+    del content["versions"]  # which the first of them had not
+    torch.save({**content, "schema": LOG_COHESION, "model": with_log(content["model"])}, tmp_path / "old.pt")
+    opened = TrainedModel.load(tmp_path / "old.pt")
+    assert opened.versions == {}
+    cohesion = opened.object.cohesion
+    assert cohesion == pytest.approx(now.object.cohesion, rel=1e-12)
+    assert cohesion > 0
+
+
+def _bytes(content: bytes, folder: Path) -> Path:
+    path = folder / "now.pt"
+    path.write_bytes(content)
+    return path
+
+
+def test_what_is_no_checkpoint_is_refused(cube: ObjectModel, tmp_path: Path) -> None:
+    whole = checkpoint_bytes(trained(cube, "cn"))
+    content = torch.load(_bytes(whole, tmp_path), weights_only=True)
+    wrong = {
+        "cut": whole[: len(whole) // 2],
+        "text": b"no checkpoint",
+    }
+    for name, data in wrong.items():
+        (tmp_path / name).write_bytes(data)
+        with pytest.raises(FileError, match="not a readable checkpoint"):
+            TrainedModel.load(tmp_path / name)
+    torch.save({**content, "schema": "tossid.checkpoint/99"}, tmp_path / "newer.pt")
+    with pytest.raises(FileError, match="not a checkpoint of schema"):
+        TrainedModel.load(tmp_path / "newer.pt")
+    del content["model"]["geometry.offset"]
+    torch.save(content, tmp_path / "part.pt")
+    with pytest.raises(FileError, match="damaged checkpoint"):
+        TrainedModel.load(tmp_path / "part.pt")
+
+
+def test_records_name_their_losses() -> None:
+    record = EpochRecord("contact", 1, 0.2, 0.1, {"prediction": 0.15}, 3, 0.01, True)
+    assert record.losses() == {"contact/train": 0.2, "contact/validation": 0.1, "contact/prediction": 0.15}
+    assert EpochRecord(**asdict(record)) == record
+
+
 @pytest.fixture(scope="module")
-def trained(cube: ObjectModel) -> TrainedModel:
+def shown(cube: ObjectModel) -> TrainedModel:
     settings = TrainSettings(model=variant("cn"))
     known = {"friction": {"value": 0.1817, "ci95": [0.171, 0.192]}}
     parameters = {"friction": 0.18, "gravity_ms2": 9.81, "corners": [1.0], "uncertainty": {"intervals": known}}
@@ -21,33 +156,25 @@ def trained(cube: ObjectModel) -> TrainedModel:
     return TrainedModel(build_model(settings.model, cube), settings, parameters, history, 1.5)
 
 
-def test_losses_are_named_after_their_stage(trained: TrainedModel) -> None:
-    assert trained.history[0].losses() == {
-        "contact/train": 0.8,
-        "contact/validation": 0.4,
-        "contact/prediction": 0.4,
-    }
-
-
-def test_a_parameter_is_shown_with_its_interval_or_alone(trained: TrainedModel) -> None:
-    assert trained.intervals["friction"]["ci95"] == [0.171, 0.192]
-    assert repr(trained).splitlines() == [
+def test_a_parameter_is_shown_with_its_interval_or_alone(shown: TrainedModel) -> None:
+    assert shown.intervals["friction"]["ci95"] == [0.171, 0.192]
+    assert repr(shown).splitlines() == [
         "TrainedModel cn of cube, 3 epochs",
         "  gravity_ms2: 9.81",
         "  friction: 0.1817 (0.171 to 0.192)",
     ]
-    assert replace(trained, parameters={}).intervals == {}
+    assert replace(shown, parameters={}).intervals == {}
 
 
-def test_what_tosses_leave_open_is_shown_without_numbers(trained: TrainedModel) -> None:
+def test_what_tosses_leave_open_is_shown_without_numbers(shown: TrainedModel) -> None:
     known = {"friction": {"value": 0.1817, "ci95": None, "reason": "the tosses leave it open"}}
-    shown = replace(trained, parameters={"uncertainty": {"intervals": known}})
-    assert repr(shown).splitlines()[1:] == ["  friction: not determined"]
-    assert "0.1817" not in shown._repr_html_()
+    unsure = replace(shown, parameters={"uncertainty": {"intervals": known}})
+    assert repr(unsure).splitlines()[1:] == ["  friction: not determined"]
+    assert "0.1817" not in unsure._repr_html_()
 
 
-def test_a_notebook_shows_a_curve_for_each_stage(trained: TrainedModel) -> None:
-    html = trained._repr_html_()
+def test_a_notebook_shows_a_curve_for_each_stage(shown: TrainedModel) -> None:
+    html = shown._repr_html_()
     assert html.count("<svg") == 2
     assert "rollout-20: validation loss 0.05" in html
     assert "<td>0.1817 (0.171 to 0.192)</td>" in html

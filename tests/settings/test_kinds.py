@@ -27,7 +27,7 @@ from tossid.settings.kinds import (
 from tossid.settings.objects import PRESETS, ObjectSettings, UnknownObjectSettings
 from tossid.settings.synthesis import SynthesizeSettings
 from tossid.settings.tracking import GraphSettings, TrackSettings
-from tossid.settings.training import RolloutSettings, TrainSettings
+from tossid.settings.training import ModelSettings, RolloutSettings, TrainSettings
 
 OBJECT = ObjectSettings | UnknownObjectSettings
 
@@ -163,7 +163,7 @@ def test_an_advanced_part_changes_by_name_and_is_marked() -> None:
 @pytest.mark.parametrize(
     "own",
     [
-        TrainSettings(seed=3, tosses=5, rollouts=RolloutSettings(huber=0.2, dampings=(0.1, 1.0))),
+        TrainSettings(seed=3, tosses=5, rollouts=RolloutSettings(huber=0.2), model=ModelSettings(horizons=(5, 10))),
         SynthesizeSettings(tosses=3, effects={"wind": {"x_ms": 1.0}}),
         PRESETS["cube"],
     ],
@@ -173,9 +173,9 @@ def test_what_was_plain_comes_back(own: Any) -> None:
 
 
 def test_what_an_older_file_lacks_is_the_default() -> None:
-    expected = replace(TrainSettings(), seed=2, rollouts=RolloutSettings(trials=3))
-    assert from_plain(TrainSettings(), {"seed": 2, "rollouts": {"trials": 3}}) == expected
-    gone = {"seed": 2, "speed": 1.0, "rollouts": {"trials": 3, "pace": {"slow": 1}}}
+    expected = replace(TrainSettings(), seed=2, rollouts=RolloutSettings(settling=3))
+    assert from_plain(TrainSettings(), {"seed": 2, "rollouts": {"settling": 3}}) == expected
+    gone = {"seed": 2, "speed": 1.0, "rollouts": {"settling": 3, "pace": {"slow": 1}}}
     assert from_plain(TrainSettings(), gone) == expected
-    with pytest.raises(ConfigError, match=r"rollouts\.trials: 'x' will not do"):
-        from_plain(TrainSettings(), {"rollouts": {"trials": "x"}})
+    with pytest.raises(ConfigError, match=r"rollouts\.settling: 'x' will not do"):
+        from_plain(TrainSettings(), {"rollouts": {"settling": "x"}})

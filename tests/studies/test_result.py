@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from tests.studies.made import computed, dataset
 from tossid.models import TrainedModel, build_model, variant
-from tossid.models.checkpoints import checkpoint_bytes
+from tossid.models.trained import checkpoint_bytes
 from tossid.objects import ObjectModel
 from tossid.settings.training import TrainSettings
 from tossid.studies import study as studies

@@ -48,10 +48,37 @@ def test_keys_are_settings_and_the_rest_is_the_variants(dataset: Dataset) -> Non
     assert "friction" in trained.intervals
     assert [record.stage for record in trained.history][:2] == ["continuous", "continuous"]
     assert trained.sha256 == fingerprint(dataset.of_split("train"))
-    with pytest.raises(ConfigError, match="gravity"):
-        tossid.train(dataset, gravty=0.0)
-    with pytest.raises(ConfigError, match="cnrpi"):
-        tossid.train(dataset, model="cnrip")
+
+
+@pytest.mark.parametrize(
+    ("keys", "error"),
+    [
+        ({"optimizer": "sgd"}, r"optimizer: 'sgd' will not do; expected one of lbfgs, adam"),
+        ({"cone": "polyhedron"}, r"cone: 'polyhedron' will not do; expected one of exact, polyhedral.*polyhedral'\?"),
+        ({"epochs": "5"}, r"epochs: '5' will not do; expected a whole number"),
+        ({"epochs": 2.5}, r"epochs: 2.5 will not do; expected a whole number"),
+        ({"gravity": -1.0}, r"gravity: -1.0 is out of range; expected a number from 0 to 1000"),
+        ({"huber": 0}, r"huber: 0 is out of range; expected a number above 0"),
+        ({"gravty": 0.0}, r"gravty: is no setting .* 'gravity'"),
+        ({"model": "cnrip"}, "cnrpi"),
+    ],
+)
+def test_a_wrong_key_or_value_is_refused_with_what_was_expected(
+    dataset: Dataset, keys: dict[str, Any], error: str
+) -> None:
+    with pytest.raises(ConfigError, match=error):
+        tossid.train(dataset, **keys)
+
+
+def test_torch_has_its_threads_back(dataset: Dataset) -> None:
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    tossid.train(dataset, model="cn", **QUICK)
+    assert torch.get_num_threads() == 2
+    with pytest.raises(InputError):
+        tossid.train(held_out(dataset))
+    assert torch.get_num_threads() == 2
+    torch.set_num_threads(before)
 
 
 def test_corners_that_tosses_contradict_have_no_say_in_lag_and_inertia(cube: ObjectModel) -> None:
@@ -82,13 +109,6 @@ def test_rollouts_that_never_land_have_no_intervals(dataset: Dataset) -> None:
     rising = [replace(toss, v=toss.v + np.array([0, 0, 3.0, 0, 0, 0])) for toss in dataset.tosses]
     trained = tossid.train(replace(dataset, tosses=rising), model="cn", gravity=0.0, **QUICK)
     assert trained.intervals == {}
-
-
-def test_it_shows_itself(dataset: Dataset) -> None:
-    trained = tossid.train(dataset, model="cn", **QUICK)
-    assert "friction" in repr(trained)
-    assert "<svg" in trained._repr_html_()
-    assert "friction" in trained._repr_html_()
 
 
 def test_an_interrupted_training_goes_on_where_it_was(dataset: Dataset) -> None:

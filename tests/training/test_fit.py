@@ -112,7 +112,7 @@ def test_short_lengths_and_late_velocities_do_not_spoil_what_is_learned(cube: Ob
     model = ContactNets(cube, settings, measurement=MeasurementModel(scale, lag))
     fit = Fit(model, recorded[:20], recorded[20:], TrainSettings(epochs=25))
     list(fit.epochs())
-    assert model.flight_gravity(fit._transitions[0]) == pytest.approx(9.81, rel=0.01)
+    assert model.flight_gravity(fit.transitions[0]) == pytest.approx(9.81, rel=0.01)
     assert np.abs(model.learned_object().com - COM).max() < 1e-3
 
 

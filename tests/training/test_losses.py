@@ -74,11 +74,6 @@ def test_l_bfgs_does_without_torchs_compiler() -> None:
     subprocess.run([sys.executable, "-c", WITHOUT_COMPILER], check=True)
 
 
-def test_adam_goes_once_through_the_data_in_an_epoch(cube: ObjectModel) -> None:
-    _, stage, _ = stage_of(cube, TrainSettings(optimizer="adam", batch=16))
-    assert stage.step().passes == 1
-
-
 def test_a_parameter_in_which_the_loss_is_quadratic_starts_at_its_minimum(cube: ObjectModel) -> None:
     data = make_transitions(cube, tosses(cube, 4, seed=0))
     model = Falling()

@@ -10,9 +10,9 @@ import pytest
 from tests.models.made import tosses
 from tossid.models.contactnets import ContactNets
 from tossid.objects import ObjectModel
-from tossid.settings.training import ModelSettings, RestartSettings, RolloutSettings, TrainSettings
+from tossid.settings.training import ModelSettings, RolloutSettings, TrainSettings
 from tossid.training.fit import Fit
-from tossid.training.rollouts import Averaged, RolloutStage
+from tossid.training.rollouts import AveragedQuadratics, RolloutStage, clearly_better
 
 SETTINGS = ModelSettings(learn_geometry=False, implicit=False, horizons=(20,))
 
@@ -21,9 +21,9 @@ def stage_of(cube: ObjectModel, friction: float, **keys: float) -> tuple[Contact
     made = tosses(cube, 8, seed=1, substeps=SETTINGS.substeps)
     model = ContactNets(cube.with_changes(friction=friction), SETTINGS)
     fit = Fit(model, made[:6], made[6:], TrainSettings(rollouts=RolloutSettings(**keys)))  # type: ignore[arg-type]
-    stage = fit.longest_rollout()
-    assert stage is not None
-    return model, stage
+    prediction = fit.longest_prediction()
+    assert prediction is not None
+    return model, RolloutStage(fit.stages[-1], prediction, fit.settings.rollouts)
 
 
 def test_friction_comes_back(cube: ObjectModel) -> None:
@@ -50,11 +50,12 @@ def test_noisy_tosses_lead_to_one_friction_from_above_and_below(cube: ObjectMode
 def test_the_gradient_is_that_of_the_loss(cube: ObjectModel) -> None:
     """With all frames counted and a loss that is quadratic, g is half the slope of the mean squared error."""
     _, stage = stage_of(cube, 0.2, chaotic_share=0.0, huber=1e3, difference=1e-4)
-    sums = stage.gauss_newton()
+    prediction = stage.prediction
+    sums = prediction.gauss_newton()
     losses = []
     for by in (1e-4, -1e-4):
-        stage.set_parameters(sums.x + by)
-        losses.append(stage._loss(stage._errors(stage._train), stage._train))
+        prediction.set_parameters(sums.x + by)
+        losses.append(prediction.training_loss())
     assert sums.g.sum() == pytest.approx((losses[0] - losses[1]) / 2e-4, rel=1e-3)
     assert (sums.H.sum(0) > 0).all()
     np.testing.assert_array_equal(len(sums.g), 6)
@@ -62,7 +63,7 @@ def test_the_gradient_is_that_of_the_loss(cube: ObjectModel) -> None:
 
 def test_differences_to_one_side_agree_with_those_to_both(cube: ObjectModel) -> None:
     _, stage = stage_of(cube, 0.2, difference=1e-4)
-    both, one = stage.gauss_newton(), stage.gauss_newton(central=False)
+    both, one = stage.prediction.gauss_newton(), stage.prediction.gauss_newton(central=False)
     np.testing.assert_allclose(one.H.sum(0), both.H.sum(0), rtol=0.02)
     np.testing.assert_allclose(one.g.sum(0), both.g.sum(0), rtol=0.02)
 
@@ -87,16 +88,17 @@ def test_a_race_drops_what_is_worse_on_a_share_and_keeps_what_may_be_best(cube: 
         friction.move(mu)
 
     values = [0.15, 0.151, 0.9]
-    losses = stage._compared(put, values)
+    losses = stage.prediction.compare(put, values)
     assert np.isfinite(losses[:2]).all()
     assert losses[2] == np.inf
-    assert tried.count(0.9) < tried.count(0.15) == len(stage._shares)
-    assert losses[0] == pytest.approx(stage.loss_with(friction, 0.15))
+    assert tried.count(0.9) < tried.count(0.15)
+    friction.move(0.15)
+    assert losses[0] == pytest.approx(stage.prediction.training_loss())
 
 
 def test_averaged_quadratics_have_the_weighted_mean_of_their_minima() -> None:
     H, minima = np.diag([2.0, 5.0]), np.array([[1.0, 0.0], [0.0, 3.0], [-1.0, 1.0]])
-    averaged = Averaged(np.zeros((2, 2)), np.zeros(2))
+    averaged = AveragedQuadratics(np.zeros((2, 2)), np.zeros(2))
     for minimum in minima:
         averaged = averaged.with_quadratic(H, H @ minimum)
     np.testing.assert_allclose(np.linalg.solve(averaged.H, averaged.b), np.array([1, 2, 3]) @ minima / 6)
@@ -135,10 +137,6 @@ def test_where_contact_yields_the_last_stage_settles_and_resumes(cube: ObjectMod
         ([0.1, 0.1, 0.1], [1.2], False),  # on training tosses alone
     ],
 )
-def test_a_rival_gives_way_to_what_is_clearly_better(
-    monkeypatch: pytest.MonkeyPatch, train: list[float], validation: list[float], better: bool
-) -> None:
-    stage = object.__new__(RolloutStage)
-    stage._settings, stage._restarts = RolloutSettings(), RestartSettings()
-    monkeypatch.setattr(stage, "losses_by_toss", lambda: (np.array(train), np.array(validation)))
-    assert stage.clearly_better((np.ones(len(train)), np.ones(len(validation)))) is better
+def test_a_rival_gives_way_to_what_is_clearly_better(train: list[float], validation: list[float], better: bool) -> None:
+    rival = np.ones(len(train)), np.ones(len(validation))
+    assert clearly_better((np.array(train), np.array(validation)), rival) is better

@@ -12,9 +12,8 @@ from tossid.models.contactnets import ContactNets
 from tossid.objects import ObjectModel
 from tossid.settings.training import ModelSettings
 from tossid.training.fit import Fit
-from tossid.training.gauss_newton import GaussNewton
-from tossid.training.rollouts import RolloutStage
-from tossid.training.uncertainty import OPEN, OPEN_LAW, _readings, covariance, parameter_intervals
+from tossid.training.prediction import GaussNewton, PredictionError
+from tossid.training.uncertainty import OPEN, OPEN_LAW, covariance, parameter_intervals, quantities
 from tossid.types import Toss
 
 FRICTION = ModelSettings(learn_geometry=False, implicit=False, substeps=ModelSettings.substeps)
@@ -37,8 +36,6 @@ def fit_of(cube: ObjectModel, settings: ModelSettings, count: int, *, seed: int,
 class Given:
     """A stage whose sums are given, and whose losses prefer Coulomb's law or its relaxation."""
 
-    central = True
-
     def __init__(self, sums: GaussNewton, away: np.ndarray, *, relaxed_losses: np.ndarray | None = None) -> None:
         self.sums, self.away, self.x = sums, away, sums.x
         self._relaxed_losses, self._losses = relaxed_losses, np.ones(len(sums.g))
@@ -54,7 +51,7 @@ class Given:
     def training_losses(self) -> np.ndarray:
         return self._losses
 
-    def gauss_newton(self, *, central: bool) -> GaussNewton:
+    def gauss_newton(self) -> GaussNewton:
         return self.sums
 
     def set_parameters(self, x: np.ndarray) -> None:
@@ -166,16 +163,16 @@ def test_tosses_that_pull_apart_determine_nothing(
 ) -> None:
     """No interval reaches to 1e+11: there is none."""
     fit = fit_of(cube, ModelSettings(learn_inertia=True, implicit=False), 8, seed=3, train=3)
-    wide = RolloutStage.gauss_newton
+    wide = PredictionError.gauss_newton
 
-    def steep(stage: RolloutStage, *args: Any, **kwargs: Any) -> GaussNewton:
+    def steep(prediction: PredictionError, *args: Any, **kwargs: Any) -> GaussNewton:
         """Sums whose second and third toss pull apart in every parameter's unit."""
-        sums = wide(stage, *args, **kwargs)
+        sums = wide(prediction, *args, **kwargs)
         n, size = sums.g.shape
         g = scale * np.arange(n)[:, None] * np.ones(size)
         return sums._replace(H=np.tile(np.eye(size), (n, 1, 1)), g=g - g.mean(axis=0))
 
-    monkeypatch.setattr(RolloutStage, "gauss_newton", steep)
+    monkeypatch.setattr(PredictionError, "gauss_newton", steep)
     known = parameter_intervals(fit)
     assert known is not None
     assert known["not_determined"].startswith("all that was learned, by 3 tosses")
@@ -202,8 +199,8 @@ def test_where_the_law_of_contact_is_open_the_centre_of_mass_alone_is_known(
 
 
 def test_resampled_rigid_contact_is_the_stiffest_spring_where_fitted_contact_yields(cube: ObjectModel) -> None:
-    soft, rigid = _readings(cube.with_changes(compliance=1e-4), yields=True), _readings(cube, yields=True)
+    soft, rigid = quantities(cube.with_changes(compliance=1e-4), yields=True), quantities(cube, yields=True)
     assert soft.keys() == rigid.keys()
     assert soft["stiffness_npm"] == pytest.approx(1e4)
     assert rigid["stiffness_npm"] == pytest.approx(float(cube.mass.sum()) / 1e-4**2)
-    assert "stiffness_npm" not in _readings(cube, yields=False)
+    assert "stiffness_npm" not in quantities(cube, yields=False)

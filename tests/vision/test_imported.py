@@ -56,7 +56,7 @@ def test_two_links_become_a_dataset_that_states_their_hinge_alone(
         assert track.q[:, :3] == pytest.approx(known.q[: len(track.t), :3], abs=2e-3)
     fit = prepare(dataset, TrainSettings())  # (trains without being told again that nothing is stated)
     assert fit.settings.object == LINKS
-    assert fit.shown is not None
+    assert fit.unknown is not None
 
 
 def test_a_hinge_that_is_none_is_refused(ingested: Path, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from tossid.models.implicit import Dynamics, LossTerms, LossWeights, free_acceleration, implicit_loss
+from tossid.models.implicit import Bodies, Dynamics, LossWeights, free_acceleration, implicit_loss
 from tossid.models.inertia import divergence, make_inertia
 from tossid.models.parameters import ContactLaw, Friction, Geometry, LearnedAccelerationNet
 from tossid.models.predictor import Simulator
@@ -24,7 +24,6 @@ from tossid.models.transitions import Transitions
 from tossid.motion import MeasurementModel
 from tossid.objects import ObjectModel
 from tossid.physics import ExactCone, PolyhedralCone
-from tossid.physics.contact.rounds import shape_of
 from tossid.settings.limits import VALUES
 from tossid.settings.training import ModelSettings
 
@@ -57,7 +56,6 @@ class ContactNets(nn.Module):
             settings.complementarity, settings.dissipation, settings.penetration, settings.gap_scale
         )
         self.corner_body = torch.as_tensor(model.corner_body)
-        self.shape = shape_of(model.roundness)
         # corners of a round shape belong together (points of one rim, ends of one axis): they stay as they are
         self.learns_corners = settings.learn_geometry and model.roundness is None
         self.geometry = Geometry(model, learn=self.learns_corners)
@@ -78,7 +76,7 @@ class ContactNets(nn.Module):
                 gravity=settings.k_res_gravity,
             )
         with torch.no_grad():
-            self._metric = tuple(part.clone() for part in make_inertia(model, learn=False)())
+            self._metric = Bodies(*(part.clone() for part in make_inertia(model, learn=False)()))
 
     @property
     def measurement(self) -> MeasurementModel:
@@ -86,41 +84,14 @@ class ContactNets(nn.Module):
         length_scale, velocity_lag = self.get_buffer("recorded").tolist()
         return MeasurementModel(length_scale, velocity_lag)
 
-    def dynamics(self, features: Tensor, a_res: Tensor | None = None) -> Dynamics:
+    def dynamics(self, a_res: Tensor | None) -> Dynamics:
         """The model's numbers, with gradients.
 
         Args:
-            features: (N, n_f), of the transitions.
-            a_res: (N, nv) the learned acceleration there, where it is known already.
+            a_res: (N, nv) the learned acceleration at N transitions; None for none.
         """
-        if a_res is None and self.k_res is not None:
-            a_res = self.k_res(features)
-        mass, moment, inertia = self.inertia()
-        return Dynamics(
-            mass=mass,
-            moment=moment,
-            inertia=inertia,
-            corner_pos=self.geometry(),
-            mu=self.friction(),
-            gravity=torch.tensor([0.0, 0.0, -self.settings.gravity], dtype=torch.float64),
-            a_res=a_res,
-        )
-
-    def terms(self, transitions: Transitions, a_res: Tensor | None = None) -> LossTerms:
-        """The implicit loss's terms.
-
-        Args:
-            transitions: N of them.
-            a_res: As of `dynamics`.
-        """
-        return implicit_loss(
-            transitions,
-            self.dynamics(transitions.features, a_res),
-            corner_body=self.corner_body,
-            metric=self._metric,
-            weights=self.weights,
-            shape=self.shape,
-        )
+        gravity = torch.tensor([0.0, 0.0, -self.settings.gravity], dtype=torch.float64)
+        return Dynamics(Bodies(*self.inertia()), self.geometry(), self.friction(), gravity, a_res)
 
     def loss(self, transitions: Transitions) -> tuple[Tensor, dict[str, float]]:
         """Mean loss [m²/s²] and its parts, `unsolved` among them."""
@@ -128,20 +99,21 @@ class ContactNets(nn.Module):
         if self.k_res is not None:
             penalised = self.k_res.without_vertical(features)
             a_res = self.k_res.with_vertical(penalised, features)
-        terms = self.terms(transitions, a_res)
-        parts: dict[str, Tensor] = {
-            "prediction": terms.prediction,
-            "complementarity": terms.complementarity,
-            "dissipation": terms.dissipation,
-            "penetration": terms.penetration,
-        }
+        terms = implicit_loss(
+            transitions,
+            self.dynamics(a_res),
+            corner_body=self.corner_body,
+            metric=self._metric,
+            weights=self.weights,
+            roundness=self.object.roundness,
+        )
+        parts: dict[str, Tensor] = {name: term for name, term in terms._asdict().items() if name != "unsolved"}
         if penalised is not None:
             parts["k_res"] = self.settings.residual_weight * penalised.square().sum(-1).mean()
         if self.settings.learn_inertia and self.object.n_joints:
-            parts["inertia"] = self.settings.inertia_weight * divergence(self.inertia(), self._metric)
-        total = torch.stack(list(parts.values())).sum()
+            parts["inertia"] = INERTIA_WEIGHT * divergence(self.inertia(), self._metric)
         record = {name: float(value.detach()) for name, value in parts.items()}
-        return total, {**record, "unsolved": float(terms.unsolved)}
+        return torch.stack(list(parts.values())).sum(), {**record, "unsolved": float(terms.unsolved)}
 
     def learned_object(self) -> ObjectModel:
         """The object with what was learned in place of what was given."""
@@ -166,46 +138,77 @@ class ContactNets(nn.Module):
         """Continuous dynamics from flight, contact by the implicit loss, then rollouts over growing horizons.
 
         The inertia of a rigid body is learned stage by stage: what flight shows of it, then by the implicit loss, then
-        by rollouts. Each counts only if validation tosses say so, the last beside rollouts of friction alone.
-
-        Rollouts determine few numbers; the corners are left to the implicit loss, unless the settings say otherwise.
-        Objects with joints predict stretches of half the first horizon, and then of the first: a few impacts on, links
-        may be anywhere. On demand there is one stage of the implicit loss in place of the first two, over everything.
-        A stage that has nothing to learn is left out.
+        by rollouts. Each counts only if validation tosses say so, the last beside rollouts of friction alone. With
+        `together` there is one stage of the implicit loss over everything in place of the first two. A stage that has
+        nothing to learn is left out.
         """
-        settings, plans, horizons = self.settings, [], self.settings.horizons
-        body, corners = _learned(self.inertia), self.geometry if self.learns_corners else None
-        held, friction = tuple(body) if self.learns_corners else (), self.friction if settings.learn_friction else None
-        starts = self.contact_law if settings.learn_contact_law else None
-        by_stages = bool(body) and not self.object.n_joints and not settings.together
-        if settings.together:
+        if self.settings.together:
             everything = _learned(self.geometry, self.friction, self.inertia, self.k_res)
-            plans.append(StagePlan("together", Objective.LOSS, everything))
-        elif self.k_res is not None:
-            flight = _learned(self.k_res, self.inertia)
-            vertical = self.k_res.vertical if self.k_res.gravity else None
-            if by_stages and vertical is not None:
-                shown, flight = [*body, vertical], _learned(self.k_res)
-                plans.append(StagePlan("flight", Objective.FLIGHT, shown, quadratic=vertical, judged=True))
-            plans.append(StagePlan("continuous", Objective.FLIGHT_LOSS, flight, quadratic=vertical))
-        if settings.implicit and not settings.together:
-            contact = _learned(self.geometry, self.friction, None if by_stages else self.inertia)
-            widen = self.widen_gap if self.learns_corners else None
-            plans.append(StagePlan("contact", Objective.LOSS, contact, corners=corners, held=held, widen=widen))
-        if by_stages and horizons:
-            simple, last = _learned(self.friction), horizons[-1]
-            plans.append(StagePlan("friction", Objective.ROLLOUT, simple, last, starts=starts, rival=True))
+            plans = [StagePlan("together", Objective.LOSS, everything)]
+        else:
+            plans = [*self._flight_stages(), *self._contact_stages()]
+        return tuple(plan for plan in (*plans, *self._rollout_stages()) if plan.parameters)
+
+    @property
+    def _inertia_by_stages(self) -> bool:
+        return bool(_learned(self.inertia)) and not self.object.n_joints and not self.settings.together
+
+    def _flight_stages(self) -> list[StagePlan]:
+        """Of the body and gravity by the likelihood of flight, then of k_res by the implicit loss in flight."""
+        if self.k_res is None:
+            return []
+        vertical = self.k_res.vertical if self.k_res.gravity else None
+        if not self._inertia_by_stages or vertical is None:
+            return [
+                StagePlan("continuous", Objective.FLIGHT_LOSS, _learned(self.k_res, self.inertia), quadratic=vertical)
+            ]
+        shown = [*_learned(self.inertia), vertical]
+        return [
+            StagePlan("flight", Objective.FLIGHT, shown, quadratic=vertical, judged=True),
+            StagePlan("continuous", Objective.FLIGHT_LOSS, _learned(self.k_res), quadratic=vertical),
+        ]
+
+    def _contact_stages(self) -> list[StagePlan]:
+        """Of corners and friction by the implicit loss, and then of these and a rigid body's inertia.
+
+        Between them, friction alone is refined by rollouts: the rival that further freedom has to beat.
+        """
+        settings, by_stages = self.settings, self._inertia_by_stages
+        corners = self.geometry if self.learns_corners else None
+        held = tuple(_learned(self.inertia)) if self.learns_corners else ()
+        contact = _learned(self.geometry, self.friction, None if by_stages else self.inertia)
+        widen_gap = self.widen_gap if self.learns_corners else None
+        plans = []
+        if settings.implicit:
+            plans.append(StagePlan("contact", Objective.LOSS, contact, corners=corners, held=held, widen_gap=widen_gap))
+        if by_stages and settings.horizons:
+            law = self.contact_law if settings.learn_contact_law else None
+            last = settings.horizons[-1]
+            plans.append(
+                StagePlan("friction", Objective.ROLLOUT, _learned(self.friction), last, contact_law=law, rival=True)
+            )
         if by_stages and settings.implicit:
             everything = _learned(self.geometry, self.friction, self.inertia)
             plans.append(StagePlan("inertia", Objective.LOSS, everything, corners=corners, held=held, judged=True))
+        return plans
+
+    def _rollout_stages(self) -> list[StagePlan]:
+        """Of friction, contact law and inertia, and on demand of corners, by the error of open-loop predictions.
+
+        Objects with joints predict stretches of half the first horizon, and then of the first: a few impacts on, links
+        may be anywhere.
+        """
+        settings, horizons = self.settings, self.settings.horizons
         if self.object.n_joints and horizons:
             horizons = (max(1, horizons[0] // 2), horizons[0])
         geometry = self.geometry if settings.refine_geometry else None
         parameters = _learned(self.friction, self.contact_law, self.inertia, geometry)
-        for horizon in horizons:
-            name = f"rollout-{horizon}"
-            plans.append(StagePlan(name, Objective.ROLLOUT, parameters, horizon, starts=starts, friction=friction))
-        return tuple(plan for plan in plans if plan.parameters)
+        friction = self.friction if settings.learn_friction else None
+        law = self.contact_law if settings.learn_contact_law else None
+        return [
+            StagePlan(f"rollout-{n}", Objective.ROLLOUT, parameters, n, contact_law=law, friction=friction)
+            for n in horizons
+        ]
 
     def widen_gap(self, factor: float) -> None:
         """Let gaps count quadratically in the loss below a multiple of the stated `gap_scale`.
@@ -221,7 +224,7 @@ class ContactNets(nn.Module):
             return self.settings.gravity
         flight = transitions.in_flight()
         with torch.no_grad():
-            a = free_acceleration(flight, self.dynamics(flight.features))
+            a = free_acceleration(flight, self.dynamics(self.k_res(flight.features)))
         return float(-a[:, 2].mean())
 
     def mechanics(self) -> Mechanics:
@@ -276,7 +279,7 @@ def build(
     rng = np.random.default_rng(seed)
     off = rng.normal(size=given.corner_pos.shape) * settings.start_corners
     if settings.random_start:
-        given = draw_start(given, rng, inertia=settings.learn_inertia).object
+        given, _ = draw_start(given, rng, inertia=settings.learn_inertia)
     start = given.with_changes(
         inertia=settings.start_inertia * given.inertia, com=com, corner_pos=given.corner_pos + off
     )
@@ -287,6 +290,9 @@ def _learned(*modules: nn.Module | None) -> list[nn.Parameter]:
     return [p for module in modules if module is not None for p in module.parameters() if p.requires_grad]
 
 
+INERTIA_WEIGHT = 2e-4
+"""Weight of a tree's divergence from the given inertia [m²/s²]. Without it the implicit loss prefers light links, which
+hardly constrain it: with real tosses a link went from 0.37 kg to 0.2 g. Rollouts have no such term."""
 PLACES = ("com", "log_scale_links", "log_mass_links")
 """Parameters of inertia that decide where the common centre of mass is: each link's, and the mass ratio."""
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import exp, log, sqrt
+from typing import Any
 
 import numpy as np
 import torch
@@ -121,23 +121,31 @@ class ContactLaw(nn.Module):
         zeta = exp(min(max(damping, log(0.02)), log(20.0)))
         return t_c**2 / self.mass, zeta * t_c, cohesion
 
-    def starts(
-        self, contact_times_ms: Sequence[float], dampings: Sequence[float], *, simulator_step_ms: float
-    ) -> list[Tensor]:
-        """Values to start from: the loss has ridges between little bounce and much.
+    def soft_starts(self) -> list[Tensor]:
+        """The present value, and values of contact that yields, from which a fit may start.
 
-        Cohesion is the present one, but at least that of every start.
+        The prediction error has ridges between little bounce and much. The rollouts' time step h damps by itself, so a
+        relaxation r is taken as sqrt(r² + 2 h r). Cohesion is the present one, but at least that of every start.
+        """
+        pairs = [(time, damping * time) for time in CONTACT_TIMES_MS for damping in DAMPINGS]
+        damped = [(time, sqrt(slow**2 + 2 * SIMULATOR_STEP_MS * slow)) for time, slow in pairs]
+        cohesion = max(COHESION, float(self.value.detach()[2]))
+        starts = [torch.tensor([log(time), log(slow / time), cohesion], dtype=torch_double) for time, slow in damped]
+        return [start for start in (self.value.detach().clone(), *starts) if float(start[0]) > log(RIGID_TIME_MS)]
+
+    @property
+    def yields(self) -> bool:
+        """Whether contact is softer than rollouts can tell from rigid contact."""
+        return float(self.value.detach()[0]) > log(RIGID_TIME_MS)
+
+    def move(self, value: Tensor) -> None:
+        """Put the law elsewhere; training goes on from there.
 
         Args:
-            contact_times_ms: Contact times [ms].
-            dampings: Damping ratios, each combined with each time.
-            simulator_step_ms: The rollouts' time step h [ms], which damps by itself: a relaxation r is taken as
-                sqrt(r² + 2 h r).
+            value: (3,), of `soft_starts` or `rigid`.
         """
-        pairs = [(time, damping * time) for time in contact_times_ms for damping in dampings]
-        damped = [(time, sqrt(slow**2 + 2 * simulator_step_ms * slow)) for time, slow in pairs]
-        cohesion = max(COHESION, float(self.value.detach()[2]))
-        return [torch.tensor([log(time), log(slow / time), cohesion], dtype=torch_double) for time, slow in damped]
+        with torch.no_grad():
+            self.value.copy_(value)
 
     def rigid(self) -> Tensor:
         """The value of a rigid contact."""
@@ -185,7 +193,11 @@ class LearnedAccelerationNet(nn.Module):
         self.W2 = nn.Parameter(torch.zeros(nv + 3 if world else nv, hidden, dtype=torch_double))
 
     def forward(self, features: Tensor) -> Tensor:
-        """(N, n_f) with the features of the world -> (N, nv) in the base's frame [m/s², rad/s²]."""
+        """The learned acceleration in the base's frame (N, nv) [m/s², rad/s²].
+
+        Args:
+            features: (N, n_f), of `physics.tree_batch`, with those of the world.
+        """
         return self.with_vertical(self.without_vertical(features), features)
 
     def with_vertical(self, rest: Tensor, features: Tensor) -> Tensor:
@@ -200,15 +212,14 @@ class LearnedAccelerationNet(nn.Module):
 
     def without_vertical(self, features: Tensor) -> Tensor:
         """The same without its uniform vertical part."""
-        nv, nf = self.linear.shape
+        k_res, nv = self._numbers(vertical=False), len(self.linear)
         f = features[:, : self.n_inputs].contiguous()  # products of strided rows round otherwise
-        hidden = torch.tanh(torch.tanh(f @ self.W0.T + self.b0) @ self.W1.T + self.b1) @ self.W2.T
-        own = f[:, :nf] @ self.linear.T
+        hidden = torch.tanh(torch.tanh(f @ k_res.W0.T + k_res.b0) @ k_res.W1.T + k_res.b1)
+        found = f @ k_res.linear.T + hidden @ k_res.W2.T
         if not self.world:
-            return SCALE * (own + hidden)
-        own = own + hidden[:, :nv]
-        field = to_base(features, f[:, nf + HEADING :] @ self.linear_world.T + hidden[:, nv:], self.n_joints)
-        return SCALE * torch.cat([own[:, :3] + field, own[:, 3:]], dim=-1)
+            return found
+        field = to_base(features, found[:, nv:], self.n_joints)
+        return torch.cat([found[:, :3] + field, found[:, 3:nv]], dim=-1)
 
     def uniform_vertical(self) -> float:
         """The uniform vertical acceleration, up positive [m/s²], that of the linear part included."""
@@ -222,14 +233,20 @@ class LearnedAccelerationNet(nn.Module):
 
     def arrays(self) -> LearnedAcceleration:
         """The same function for the simulator's kernels."""
-        n = lambda p: np.ascontiguousarray(p.detach().numpy())  # noqa: E731
+        with torch.no_grad():
+            return LearnedAcceleration(*(part.numpy().copy() for part in self._numbers()))
+
+    def _numbers(self, *, vertical: bool = True) -> Any:
+        """The parts of a `LearnedAcceleration`, as tensors with gradients."""
         nv, nf = self.linear.shape
-        linear = np.zeros((len(self.W2), self.n_inputs))
-        linear[:nv, :nf] = SCALE * n(self.linear)
+        linear = torch.zeros(len(self.W2), self.n_inputs, dtype=torch_double)
+        linear[:nv, :nf] = SCALE * self.linear
         if self.world:
-            linear[nv:, nf + HEADING :] = SCALE * n(self.linear_world)
-        linear[:3, :3] += SCALE * float(self.vertical.detach()) * np.eye(3)
-        return LearnedAcceleration(linear, n(self.W0), n(self.b0), n(self.W1), n(self.b1), SCALE * n(self.W2))
+            linear[nv:, nf + HEADING :] = SCALE * self.linear_world
+        if vertical:
+            linear[:3, :3] += SCALE * self.vertical * torch.eye(3, dtype=torch_double)
+        parts: Any = (linear, self.W0, self.b0, self.W1, self.b1, SCALE * self.W2)
+        return LearnedAcceleration(*parts)
 
 
 HEADING = 6
@@ -237,6 +254,12 @@ HEADING = 6
 
 COHESION = 0.03
 """Start of cohesion, in tenths of the object's weight."""
+CONTACT_TIMES_MS, DAMPINGS = (0.5, 1.0, 2.0, 3.0, 5.0), (0.2, 0.4, 0.7, 1.5)
+"""Contact times [ms] and damping ratios of the starts of a contact law; the real cube's are 2 to 3 ms and 0.5."""
+SIMULATOR_STEP_MS = 1.7
+"""Time step of rollouts of 148 Hz, three a frame [ms]; damping within one step is numerical."""
+RIGID_TIME_MS = 0.6
+"""Contact time up to which contact is rigid as far as such a step can resolve [ms]."""
 
 SCALE = 10.0
 """Unit of the output of k_res [m/s², rad/s²], so that its weights are of order one."""

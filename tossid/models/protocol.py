@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Any, Protocol
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from tossid.models.implicit import LossWeights
+from tossid.models.parameters import ContactLaw, Friction, Geometry
 from tossid.models.predictor import Predictor
 from tossid.models.transitions import Transitions
 from tossid.motion import MeasurementModel
@@ -34,48 +35,6 @@ class Objective(Enum):
     """the error of open-loop predictions"""
 
 
-class Corners(Protocol):
-    """Corners that are held against the tosses, and started again where these contradict them."""
-
-    def __call__(self) -> Tensor:
-        """(n_c, 3) [m]."""
-
-    def move(self, corners: Array) -> None:
-        """Put them elsewhere.
-
-        Args:
-            corners: (n_c, 3) [m].
-        """
-
-
-class Coefficient(Protocol):
-    """A positive number that may run to where the prediction error no longer depends on it."""
-
-    def __call__(self) -> Tensor:
-        """Its value ()."""
-
-    def move(self, mu: float) -> None:
-        """Put it elsewhere.
-
-        Args:
-            mu: Its value.
-        """
-
-
-class Starts(Protocol):
-    """A parameter over which the prediction error has several minima, so that several starts are compared."""
-
-    value: nn.Parameter
-
-    def starts(
-        self, contact_times_ms: Sequence[float], dampings: Sequence[float], *, simulator_step_ms: float
-    ) -> list[Tensor]:
-        """Values of a contact that yields, to compare."""
-
-    def rigid(self) -> Tensor:
-        """The value of a contact that is as stiff as it can be."""
-
-
 @dataclass(frozen=True)
 class StagePlan:
     """One stage of training: what is learned, and what is minimised.
@@ -86,14 +45,16 @@ class StagePlan:
         parameters: What it learns.
         horizon: Frames of a rollout after first contact, or of a stretch. Unused by losses.
         optimizer: Of a loss, where the model needs a certain one; None for the one of the settings.
-        starts: A parameter whose starts are compared before the first step of a rollout stage.
+        contact_law: That a rollout stage learns. Its error has several minima in it, so that several starts are
+            compared before the first step.
         corners: Corners that the stage learns, which are started again where the tosses contradict them.
         held: Those of its parameters that it does not learn while the tosses contradict the corners: an inertia would
             stand in for a missing corner.
-        friction: Friction that the stage learns, whose starts are compared before the first step of a rollout stage.
+        friction: That a rollout stage learns, whose starts are compared before the first step.
         quadratic: One of its parameters, in which the loss is quadratic: it starts at the minimum along it. A gravity
             that is given 9.81 m/s² wrong is then found at once, and no first step along all parameters leaps for it.
-        widen: Multiplies the distance below which a gap counts quadratically in the loss, relative to the stated one.
+        widen_gap: Multiplies the distance below which a gap counts quadratically in the loss, relative to the stated
+            one.
         judged: Whether what it learns counts only if it lowers the loss of validation tosses: few tosses are fitted
             better by any body with more freedom, and others worse.
         rival: Whether training ends with what it leaves, unless the last stage predicts validation tosses clearly
@@ -105,12 +66,12 @@ class StagePlan:
     parameters: list[nn.Parameter]
     horizon: int = 0
     optimizer: str | None = None
-    starts: Starts | None = None
-    corners: Corners | None = None
+    contact_law: ContactLaw | None = None
+    corners: Geometry | None = None
     held: tuple[nn.Parameter, ...] = ()
-    friction: Coefficient | None = None
+    friction: Friction | None = None
     quadratic: nn.Parameter | None = None
-    widen: Callable[[float], None] | None = None
+    widen_gap: Callable[[float], None] | None = None
     judged: bool = False
     rival: bool = False
 

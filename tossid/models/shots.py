@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.kernels import kernel
 from tossid.models.predictor import Predictor
-from tossid.models.shot_errors import fill_errors
-from tossid.motion import FlightState, flight_states, frames_in_flight
+from tossid.motion import FlightState, frames_in_flight
 from tossid.objects import ObjectModel, corner_heights
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
+
+SMALL_SINE = 1e-8
+"""Sine of half an angle below which a rotation vector is twice the quaternion's vector."""
 
 
 @dataclass(frozen=True)
@@ -99,21 +103,6 @@ def first_states(
     return q, v + velocity_lag * predictor.acceleration(q, v) if velocity_lag else v
 
 
-def flight_starts(
-    model: ObjectModel, tosses: Sequence[Toss], *, gravity: float, min_frames: int = 4
-) -> list[FlightState | None]:
-    """First states of a rigid body as estimated from its free flight; None where there is too little flight.
-
-    Args:
-        model: The object as it is estimated: its centre of mass flies, its corners touch first.
-        tosses: With true lengths.
-        gravity: The model's own downward acceleration, with which the flight is fitted [m/s²].
-        min_frames: Frames before first contact that are enough.
-    """
-    states = flight_states(tosses, model, gravity=gravity)
-    return [state if state.n_frames >= min_frames else None for state in states]
-
-
 def make_shots(
     model: ObjectModel,
     tosses: Sequence[Toss],
@@ -129,7 +118,7 @@ def make_shots(
         tosses: With true lengths.
         horizon: Frames to predict after the object may first have touched the ground.
         first: Of `first_states`.
-        flight: Of `flight_starts`.
+        flight: First states that flights gave; None where there is too little flight.
     """
     lengths = np.array([len(toss) for toss in tosses])
     n_steps = np.minimum(frames_in_flight(tosses, model) + horizon, lengths - 1)
@@ -215,5 +204,40 @@ def prediction_errors(predictor: Predictor, shots: Shots, *, n_threads: int = 1)
     """
     run = predictor.rollout(shots.q0, shots.v0, n_steps=shots.n_steps, dt=shots.dt, n_threads=n_threads)
     error = np.empty((*shots.target.shape[:2], shots.v0.shape[1]))
-    fill_errors(run.q, shots.target, shots.n_steps, shots.length, error)
+    _fill_errors(run.q, shots.target, shots.n_steps, shots.length, error)
     return error
+
+
+@kernel(allocates=False)
+def _fill_errors(q, target, n_steps, length, error):  # type: ignore[no-untyped-def]
+    """Predicted minus measured of frames 1 to n_steps of each motion, and zero after them.
+
+    Args:
+        q: (S, T + 1, nq) predicted configurations, T at least the largest of n_steps.
+        target: (S, L, nq) measured ones at frames 1 to L.
+        n_steps: (S,) frames to compare.
+        length: Unit of the position's error [m].
+        error: (S, L, nq - 1), filled: position, rotation vector in the measured body frame [rad], joints.
+    """
+    joints = q.shape[2] - 7
+    for s in range(error.shape[0]):
+        for frame in range(error.shape[1]):
+            if frame >= n_steps[s]:
+                for k in range(error.shape[2]):
+                    error[s, frame, k] = 0.0
+                continue
+            for k in range(3):
+                error[s, frame, k] = (q[s, frame + 1, k] - target[s, frame, k]) / length
+            aw, ax, ay, az = q[s, frame + 1, 3], q[s, frame + 1, 4], q[s, frame + 1, 5], q[s, frame + 1, 6]
+            bw, bx, by, bz = target[s, frame, 3], target[s, frame, 4], target[s, frame, 5], target[s, frame, 6]
+            w = bw * aw + (bx * ax + by * ay + bz * az)  # the measured one's conjugate times the predicted one
+            x = bw * ax - aw * bx - (by * az - bz * ay)
+            y = bw * ay - aw * by - (bz * ax - bx * az)
+            z = bw * az - aw * bz - (bx * ay - by * ax)
+            sine = math.sqrt(x * x + y * y + z * z)
+            scale = 2.0 * math.atan2(sine, abs(w)) / sine if sine > SMALL_SINE else 2.0
+            if w < 0.0:
+                scale = -scale
+            error[s, frame, 3], error[s, frame, 4], error[s, frame, 5] = scale * x, scale * y, scale * z
+            for j in range(joints):
+                error[s, frame, 6 + j] = q[s, frame + 1, 7 + j] - target[s, frame, 7 + j]

@@ -14,7 +14,6 @@ from tossid.motion.kinematics import com_velocities
 from tossid.objects import ObjectModel, body_poses, corner_heights
 from tossid.physics import make_system, tree_batch
 from tossid.rotations import quat_to_matrix
-from tossid.settings.training import TransitionSettings
 from tossid.types import Toss
 
 
@@ -24,7 +23,6 @@ class Transitions:
 
     Attributes:
         dt: (N,) [s].
-        v: (N, nv) velocity before the step.
         v_next: (N, nv) velocity after it.
         dv: (N, nv) their difference.
         X: (N, n_b, 6, nv) body Jacobians before the step; this and the next four as in `physics.TreeBatch`.
@@ -40,11 +38,9 @@ class Transitions:
         z_next: (N, n_b) height of each body's origin after the step [m].
         near: (K,) rows that may involve contact.
         flight: (F,) rows that surely do not: clear of the ground before and after, and accelerated as flights are.
-        toss: (N,) index of the toss.
     """
 
     dt: Tensor
-    v: Tensor
     v_next: Tensor
     dv: Tensor
     X: Tensor
@@ -59,7 +55,6 @@ class Transitions:
     z_next: Tensor
     near: Tensor
     flight: Tensor
-    toss: Tensor
 
     def __len__(self) -> int:
         return len(self.dt)
@@ -92,25 +87,32 @@ class Transitions:
         return replace(self.in_flight(), near=self.near[:0])
 
 
-APART = 2
+CONTACT_MARGIN, JOINTED_CONTACT_MARGIN = 0.25, 0.4
+"""A transition may involve contact when a stated corner is, after it, lower than this share of the width. The stated
+geometry of objects with joints is less exact: the published elbow's corners stop up to 2 cm above the ground."""
+FLIGHT_CLEARANCE, JOINTED_FLIGHT_CLEARANCE = 0.1, 0.3
+"""It is in flight when every stated corner stays higher than this share of the width. With 1 cm the published elbow
+seems to fall at 8.4 m/s², with 3 cm at 9.8."""
+OUTLIER_DEVIATIONS = 20.0
+"""Robust standard deviations (1.48 median absolute deviations) from the median flight by which a flight's acceleration
+may differ, along each axis; beyond, a hand or the ground had a part in it."""
+OUTLIER_FLOOR = 0.5
+"""Difference from the median flight that is accepted in any case [m/s²]: tosses without noise have no scatter."""
+FRAMES_TO_INSTRUMENTS = 2
 """Frames between a transition and those of its instruments: a velocity that is the difference of two poses shares the
 noise of one with its neighbour."""
 
 
-def make_transitions(
-    model: ObjectModel, tosses: Sequence[Toss], settings: TransitionSettings | None = None
-) -> Transitions:
+def make_transitions(model: ObjectModel, tosses: Sequence[Toss]) -> Transitions:
     """All transitions of tosses.
 
     Args:
         model: The object, as it is stated.
         tosses: With true lengths.
-        settings: Which transitions may involve contact, and which surely do not.
 
     Raises:
         InputError: No toss, or tosses of another object (number of joints).
     """
-    settings = settings or TransitionSettings()
     if not tosses:
         raise InputError("there are no tosses to learn from")
     for toss in tosses:
@@ -120,11 +122,11 @@ def make_transitions(
     v = np.concatenate([toss.v[:-1] for toss in tosses])
     q_next = np.concatenate([toss.q[1:] for toss in tosses])
     v_next = np.concatenate([toss.v[1:] for toss in tosses])
-    here, (x_next, quat_next) = tree_batch(make_system(model), q, v), body_poses(model, q_next)
+    batch, (x_next, quat_next) = tree_batch(make_system(model), q, v), body_poses(model, q_next)
     lowest = corner_heights(model, q_next).min(axis=1)
     jointed = model.n_joints > 0
-    margin = (settings.jointed_contact_margin if jointed else settings.contact_margin) * model.width
-    clearance = (settings.jointed_flight_clearance if jointed else settings.flight_clearance) * model.width
+    margin = (JOINTED_CONTACT_MARGIN if jointed else CONTACT_MARGIN) * model.width
+    clearance = (JOINTED_FLIGHT_CLEARANCE if jointed else FLIGHT_CLEARANCE) * model.width
     clear = np.minimum(lowest, corner_heights(model, q).min(axis=1)) > clearance
 
     dt = np.concatenate([np.diff(toss.t) for toss in tosses])
@@ -133,37 +135,37 @@ def make_transitions(
         a = (share @ com_velocities(model, q_next, v_next) - share @ com_velocities(model, q, v)) / dt[:, None]
         middle = np.median(a[clear], axis=0)
         scatter = 1.4826 * np.median(np.abs(a[clear] - middle), axis=0)
-        limit = np.maximum(settings.outlier_deviations * scatter, settings.outlier_floor)
+        limit = np.maximum(OUTLIER_DEVIATIONS * scatter, OUTLIER_FLOOR)
         clear &= (np.abs(a - middle) <= limit).all(axis=1)
     index = np.concatenate([np.full(len(toss) - 1, i) for i, toss in enumerate(tosses)])
-    apart = _of_other_frames(v, v_next, clear, index)
+    instruments = _velocities_of_other_frames(v, v_next, clear, index)
 
     def tensor(array: np.ndarray) -> Tensor:
         return torch.from_numpy(np.ascontiguousarray(array))
 
     return Transitions(
         dt=tensor(dt),
-        v=tensor(v),
         v_next=tensor(v_next),
         dv=tensor(v_next - v),
-        X=tensor(here.X),
-        omega=tensor(here.omega),
-        alpha=tensor(here.alpha),
-        xdd=tensor(here.xdd),
-        R=tensor(here.R),
-        features=tensor(here.features),
-        instruments=tensor(tree_batch(make_system(model), q, apart).features),
-        z=tensor(here.x[:, 0, 2]),
+        X=tensor(batch.X),
+        omega=tensor(batch.omega),
+        alpha=tensor(batch.alpha),
+        xdd=tensor(batch.xdd),
+        R=tensor(batch.R),
+        features=tensor(batch.features),
+        instruments=tensor(tree_batch(make_system(model), q, instruments).features),
+        z=tensor(batch.x[:, 0, 2]),
         up_next=tensor(quat_to_matrix(quat_next)[:, :, 2, :]),
         z_next=tensor(x_next[:, :, 2]),
         near=tensor(np.flatnonzero(lowest < margin)),
         flight=tensor(np.flatnonzero(clear)),
-        toss=tensor(index),
     )
 
 
-def _of_other_frames(v: np.ndarray, v_next: np.ndarray, clear: np.ndarray, toss: np.ndarray) -> np.ndarray:
-    """Velocities (N, nv) of flights, each the mean of the frames `APART` from its transition, or the one there is.
+def _velocities_of_other_frames(v: np.ndarray, v_next: np.ndarray, clear: np.ndarray, toss: np.ndarray) -> np.ndarray:
+    """Velocities (N, nv) of flights, each the mean of those of other frames, or the one there is.
+
+    The other frames are `FRAMES_TO_INSTRUMENTS` before and after the transition.
 
     Args:
         v: (N, nv) before each transition.
@@ -173,9 +175,13 @@ def _of_other_frames(v: np.ndarray, v_next: np.ndarray, clear: np.ndarray, toss:
     """
     flight = np.cumsum(~clear | (np.diff(toss, prepend=-1) != 0))  # each stretch of flight has a number of its own
     total, count = np.zeros_like(v), np.zeros((len(v), 1))
-    together = clear[:-APART] & clear[APART:] & (flight[:-APART] == flight[APART:])
-    total[APART:][together] += v[:-APART][together]
-    total[:-APART][together] += v_next[APART:][together]
-    count[APART:][together] += 1
-    count[:-APART][together] += 1
+    together = (
+        clear[:-FRAMES_TO_INSTRUMENTS]
+        & clear[FRAMES_TO_INSTRUMENTS:]
+        & (flight[:-FRAMES_TO_INSTRUMENTS] == flight[FRAMES_TO_INSTRUMENTS:])
+    )
+    total[FRAMES_TO_INSTRUMENTS:][together] += v[:-FRAMES_TO_INSTRUMENTS][together]
+    total[:-FRAMES_TO_INSTRUMENTS][together] += v_next[FRAMES_TO_INSTRUMENTS:][together]
+    count[FRAMES_TO_INSTRUMENTS:][together] += 1
+    count[:-FRAMES_TO_INSTRUMENTS][together] += 1
     return np.where(count > 0, total / np.maximum(count, 1), v)

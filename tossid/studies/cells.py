@@ -18,7 +18,7 @@ from tossid.code_digest import code_digest
 from tossid.errors import ConfigError, FileError
 from tossid.evaluation.evaluate import evaluate
 from tossid.models import variant
-from tossid.models.checkpoints import checkpoint_bytes
+from tossid.models.trained import checkpoint_bytes
 from tossid.outputs import write_whole
 from tossid.plain_json import digest_of, jsonable
 from tossid.settings.changed import changed

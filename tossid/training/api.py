@@ -5,7 +5,8 @@ from __future__ import annotations
 import copy
 import hashlib
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -22,8 +23,7 @@ from tossid.settings.objects import UnknownObjectSettings
 from tossid.settings.training import TrainSettings
 from tossid.store import Dataset
 from tossid.training.fit import Fit
-from tossid.training.restarts import convergence, geometry_report, seen_corners
-from tossid.training.stated_size import size_contradiction
+from tossid.training.report import convergence, geometry_report, seen_corners, size_contradiction
 from tossid.training.uncertainty import parameter_intervals
 from tossid.training.unknown import unknown_object
 from tossid.types import Progress, Toss
@@ -45,6 +45,20 @@ class Epoch:
     state: Callable[[], dict[str, Any]]
 
 
+@contextmanager
+def one_torch_thread() -> Iterator[None]:
+    """Torch computes on one thread here, and then on as many as before.
+
+    Its tensors are small in training, and the numbers are then the same on every machine.
+    """
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
 def train(
     dataset: Dataset,
     *,
@@ -56,8 +70,6 @@ def train(
     **keys: Any,
 ) -> TrainedModel:
     """A model, fitted to the training tosses of a dataset and stopped by its validation tosses.
-
-    One torch thread does it: the tensors are small, and the numbers are the same on every machine.
 
     Args:
         dataset: Tosses of one object, in the splits train and validation.
@@ -83,6 +95,7 @@ def train(
     return fit_model(prepare(dataset, settings), progress=progress, each_epoch=each_epoch, state=state)
 
 
+@one_torch_thread()
 def fit_model(
     fit: Fit,
     *,
@@ -123,31 +136,36 @@ def fit_model(
         if each_epoch is not None:
             each_epoch(Epoch(len(history), record, state_now))
     took = seconds()
-    parameters = fit.model.parameters_report()
+    sha256, versions = fingerprint(fit.train_tosses), computing_versions()
+    parameters = learned_parameters(fit, history)
+    return TrainedModel(fit.model, fit.settings, parameters, tuple(history), took, sha256=sha256, versions=versions)
+
+
+def learned_parameters(fit: Fit, history: Sequence[EpochRecord]) -> dict[str, Any]:
+    """What was learned, with intervals, and what is to be said of it, as `TrainedModel.parameters` has it.
+
+    Args:
+        fit: At its end.
+        history: Its epochs.
+    """
+    parameters, unknown = fit.model.parameters_report(), fit.unknown
     intervals = parameter_intervals(fit)
     if intervals is not None:
         parameters["uncertainty"] = intervals
-    if fit.shown is not None:
-        parameters["from_nothing"] = fit.shown.as_json()
-    learned, true = fit.model.learned_object(), fit.true_tosses
+    if unknown is not None:
+        parameters["from_nothing"] = unknown.as_json()
     if fit.model.mechanics() is not None:
-        seen = seen_corners(learned, true, fit.settings.restarts.evidence)
-        if fit.shown is not None and learned.n_joints:
-            # (what another link keeps off the ground comes near it all the same)
-            seen &= np.concatenate([shape.frames > 0 for shape in fit.shown.shapes])
-        scale = fit.model.measurement.length_scale
-        parameters["geometry"] = geometry_report(learned, seen, length_scale=scale, way=fit.way)
+        learned, scale = fit.model.learned_object(), fit.model.measurement.length_scale
+        seen = seen_corners(learned, fit.true_tosses)
+        if unknown is not None and learned.n_joints:
+            # what another link keeps off the ground comes near it all the same
+            seen &= np.concatenate([shape.frames > 0 for shape in unknown.shapes])
+        parameters["geometry"] = geometry_report(learned, seen, length_scale=scale, history=fit.corner_history)
         parameters["convergence"] = convergence(learned, fit.evidence, history, fit.restarts, fit.settings)
-    if fit.size is not None:
-        parameters["stated_size"] = fit.size
-    if fit.leak is not None:
-        parameters["copies"] = {"warning": fit.leak}
-    sha256 = fingerprint(fit.train_tosses)
-    return TrainedModel(
-        fit.model, fit.settings, parameters, tuple(history), took, sha256=sha256, versions=computing_versions()
-    )
+    return {**parameters, **fit.remarks}
 
 
+@one_torch_thread()
 def prepare(dataset: Dataset, settings: TrainSettings) -> Fit:
     """The untrained fit of a model to a dataset's training tosses.
 
@@ -158,49 +176,42 @@ def prepare(dataset: Dataset, settings: TrainSettings) -> Fit:
     Raises:
         InputError: A split is empty, or has fewer tosses than asked for.
     """
-    torch.set_num_threads(1)
     if settings.object is None and not dataset.object.is_stated:
         settings = replace(settings, object=UnknownObjectSettings(links=dataset.object.n_bodies))
     train, validation = training_tosses(dataset, settings)
     # no held-out toss takes part; where tosses are rationed, only those that are learned from do
-    looked_at = (*train, *validation) if settings.tosses is None else train
-    shown = None if settings.object is None else unknown_object(looked_at, settings.object, tree=dataset.object)
-    start, asked = dataset.object if shown is None else shown.object, settings.model
-    if shown is not None and settings.object is not None:
-        settings = replace(settings, model=keeping(settings.model, shown.kept(settings.object)))
+    visible = (*train, *validation) if settings.tosses is None else train
+    unknown = None if settings.object is None else unknown_object(visible, settings.object, tree=dataset.object)
+    start, wanted = dataset.object if unknown is None else unknown.object, settings.model
+    if unknown is not None and settings.object is not None:
+        kept = unknown.kept(settings.object)  # a kind of model from outside may lack such settings
+        known: dict[str, Any] = {name: value for name, value in kept.items() if hasattr(wanted, name)}
+        settings = replace(settings, model=replace(wanted, **known))
     measured = estimate_measurement(train, start)
-    measurement = measurement_of(settings.model, measured, stated=shown is None)
-    size = size_contradiction(measured, measurement) if shown is None else None
-    leak = leak_words(dataset.tosses)
+    measurement = measurement_of(settings.model, measured, stated=unknown is None)
+    remarks: dict[str, Any] = {}
+    if unknown is None and (size := size_contradiction(measured, measurement)) is not None:
+        remarks["stated_size"] = size
+    if (leak := leak_words(dataset.tosses)) is not None:
+        remarks["copies"] = {"warning": leak}
 
     def fit_with(settings: TrainSettings, measurement: MeasurementModel, start: ObjectModel = start) -> Fit:
         model = build_model(settings.model, start, seed=settings.seed, measurement=measurement)
-        return Fit(model, train, validation, settings, shown=shown, size=size, leak=leak)
+        return Fit(model, train, validation, settings, unknown=unknown, remarks=remarks)
 
     fit = fit_with(settings, measurement)
-    if fit.near is not fit.model.object:
+    shown = fit.contact_geometry
+    if shown is not fit.model.object:
         # by corners that the tosses contradict, contact was taken for flight, or flight for contact
-        found = estimate_measurement(train, fit.near)
-        lag = measurement_of(settings.model, found, stated=shown is None).velocity_lag
+        lag = measurement_of(settings.model, estimate_measurement(train, shown), stated=unknown is None).velocity_lag
         if settings.model.learn_inertia and not settings.model.together:
-            start = start.with_changes(inertia=fit.near.inertia)
+            start = start.with_changes(inertia=shown.inertia)
         fit = fit_with(settings, replace(measurement, velocity_lag=lag), start)
-    kept, is_kept = settings.model, asked.learn_friction and not settings.model.learn_friction
-    if not is_kept or not kept.horizons or not fit.friction_contradicted(kept.horizons[-1]):
-        return fit
-    # friction in impacts is not that of sliding
-    return fit_with(replace(settings, model=replace(kept, learn_friction=True)), fit.model.measurement)
-
-
-def keeping(model: ModelSettings, kept: Mapping[str, Any]) -> ModelSettings:
-    """The settings of a model that keeps what is known, as far as it has such settings.
-
-    Args:
-        model: Of any kind.
-        kept: Of `UnknownObject.kept`.
-    """
-    known: dict[str, Any] = {name: value for name, value in kept.items() if hasattr(model, name)}
-    return replace(model, **known)
+    model, friction_is_kept = settings.model, wanted.learn_friction and not settings.model.learn_friction
+    if friction_is_kept and model.horizons and fit.friction_contradicted(model.horizons[-1]):
+        # friction in impacts is not that of sliding
+        return fit_with(replace(settings, model=replace(model, learn_friction=True)), fit.model.measurement)
+    return fit
 
 
 def measurement_of(settings: ModelSettings, found: MeasurementEstimate, *, stated: bool = True) -> MeasurementModel:
@@ -214,10 +225,7 @@ def measurement_of(settings: ModelSettings, found: MeasurementEstimate, *, state
     scale, lag = settings.length_scale, settings.velocity_lag
     if scale == "auto":
         scale = found.measurement.length_scale if stated else 1.0
-    return MeasurementModel(
-        float(scale),
-        found.measurement.velocity_lag if lag == "auto" else float(lag),
-    )
+    return MeasurementModel(float(scale), found.measurement.velocity_lag if lag == "auto" else float(lag))
 
 
 def training_tosses(dataset: Dataset, settings: TrainSettings) -> tuple[tuple[Toss, ...], tuple[Toss, ...]]:

@@ -22,28 +22,44 @@ from __future__ import annotations
 import copy
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from tossid.errors import DivergedError, ObjectError
-from tossid.models.protocol import Array, Corners, DynamicsModel, Objective, StagePlan
+from tossid.models.protocol import DynamicsModel, Objective, StagePlan
 from tossid.models.shots import Shots, first_states, make_shots, make_stretches
 from tossid.models.trained import EpochRecord
 from tossid.models.transitions import Transitions, make_transitions
 from tossid.objects import ObjectModel
 from tossid.objects.shape_evidence import ShapeEvidence
 from tossid.settings.training import TrainSettings
-from tossid.training.flights import Flights, FlightStage, fit_flights
+from tossid.training.flights import FirstStates, FlightStage, first_states_of_flights
 from tossid.training.losses import LossStage, Stage
-from tossid.training.restarts import UNDETERMINED, Following, Restart, judging_frames, with_shown_corners
-from tossid.training.rollouts import RolloutStage
+from tossid.training.prediction import PredictionError
+from tossid.training.restarts import (
+    GAP_WIDTHS,
+    LARGEST_RISE,
+    TRAINING_END,
+    TRAINING_PATIENCE,
+    UNDETERMINED,
+    Restart,
+    Retry,
+    judging_frames,
+    with_shown_corners,
+)
+from tossid.training.rollouts import BETTER_SHARE, RolloutStage, clearly_better
 from tossid.training.unknown import UnknownObject
 from tossid.types import Toss
+
+LEAST_IMPROVEMENT = 1e-4
+"""Relative decrease of the validation loss that counts as better."""
+FRICTION_FACTORS = (0.6, 0.75, 0.9, 1.1)
+"""Factors of the friction that steady sliding shows, which are compared with it before it is kept."""
 
 
 class Fit:
@@ -54,16 +70,16 @@ class Fit:
         train: Tosses to learn from, as recorded.
         validation: Other tosses, which end the stages.
         settings: How long and how carefully.
-        shown: What the tosses showed of an unknown object, from which the model starts.
-        size: What the tosses say against the object's stated size (`stated_size`).
-        leak: What the splits leak by copies (`tossid.motion.sessions.copies`).
+        unknown: What the tosses showed of an unknown object, from which the model starts.
+        remarks: What else is to be said of the dataset, by its name among the learned parameters.
 
     Attributes:
         evidence: The frames against which corners are held, those of validation tosses among them, or why there are
             none.
-        near: The object that says which frames may involve contact: the model's, unless tosses contradict its corners.
+        contact_geometry: The object that says which frames may involve contact: the model's, unless tosses contradict
+            its corners.
         restarts: What was started again.
-        way: Corners before training and after each stage that moved them, each (n_c, 3) as lists [m].
+        corner_history: Corners before training and after each stage that moved them, each (n_c, 3) as lists [m].
     """
 
     def __init__(
@@ -73,168 +89,45 @@ class Fit:
         validation: Sequence[Toss],
         settings: TrainSettings | None = None,
         *,
-        shown: UnknownObject | None = None,
-        size: dict[str, Any] | None = None,
-        leak: str | None = None,
+        unknown: UnknownObject | None = None,
+        remarks: dict[str, Any] | None = None,
     ) -> None:
-        self.model = model
-        self.shown, self.size, self.leak = shown, size, leak
-        self.settings = settings or TrainSettings()
+        self.model, self.settings = model, settings or TrainSettings()
+        self.unknown, self.remarks = unknown, remarks or {}
         self.train_tosses = tuple(train)
         true = model.measurement.true_toss
         self._tosses = (tuple(true(toss) for toss in train), tuple(true(toss) for toss in validation))
-        self.evidence: ShapeEvidence | str = "a round shape is not held against the hull of its frames"
-        self._source: ShapeEvidence | str = self.evidence
-        if model.object.roundness is None:
-            known = None if shown is None else shown.shapes[0]
-            self.evidence, self._source = judging_frames(*self._tosses, self.settings, known)
-        self.restarts: list[Restart] = []
-        self.way = [model.learned_object().corner_pos.tolist()]
-        self._before: tuple[float, dict[str, Any]] | None = None
-        self._following: Following | None = None
-        self._rival: tuple[list[float], list[float], dict[str, Any]] | None = None
-        self.near = self._geometry_of_contact(model.object)
-        self._transitions = tuple(
-            make_transitions(self.near, tosses, self.settings.transitions) for tosses in self._tosses
-        )
         self._n_threads = self.settings.threads or os.cpu_count() or 1
+        self.evidence: ShapeEvidence | str = "a round shape is not held against the hull of its frames"
+        self._shown_corners: ShapeEvidence | str = self.evidence
+        if model.object.roundness is None:
+            known, rationed = None if unknown is None else unknown.shapes[0], self.settings.tosses is not None
+            self.evidence, self._shown_corners = judging_frames(*self._tosses, known, rationed=rationed)
+        self.contact_geometry = model.object
+        if not isinstance(self._shown_corners, str) and self._contradicted(model.object.corner_pos):
+            self.contact_geometry = with_shown_corners(model.object, self._shown_corners)
+        self.transitions = tuple(make_transitions(self.contact_geometry, tosses) for tosses in self._tosses)
+        self.restarts: list[Restart] = []
+        self.corner_history = [model.learned_object().corner_pos.tolist()]
         self.stages = model.stages()
-        self.stage = 0
-        self.epoch = 0
-        self.stale = 0
-        self.best_loss = float("inf")
-        self.best = _state_of(model)
+        self.stage = self.epoch = self.stale = 0
+        self.best_loss, self.best = float("inf"), _state_of(model)
+        self._retry: Retry | None = None
+        self._rival: tuple[list[float], list[float], dict[str, Any]] | None = None
         self._current: Stage | None = None
-        self._holds = False
-        self._flights: Flights | None = None
+        self._holds_inertia = False
+        self._flights: FirstStates | None = None
 
     @property
     def most_epochs(self) -> int:
         """How many epochs there can be."""
-        most = {Objective.ROLLOUT: self.settings.rollouts.epochs}
-        return sum(most.get(plan.objective, self.settings.epochs) for plan in self.stages)
+        rollouts, losses = self.settings.rollouts.epochs, self.settings.epochs
+        return sum(rollouts if plan.objective is Objective.ROLLOUT else losses for plan in self.stages)
 
     @property
     def true_tosses(self) -> tuple[Toss, ...]:
         """The tosses to learn from, with true lengths and velocities."""
         return self._tosses[0]
-
-    def _geometry_of_contact(self, start: ObjectModel) -> ObjectModel:
-        """The object that says which frames may involve contact: the start, unless tosses contradict its corners."""
-        if isinstance(self._source, str) or not self._contradicts(start.corner_pos):
-            return start
-        return with_shown_corners(start, self._source)
-
-    def _contradicts(self, corners: Array) -> bool:
-        return not isinstance(self.evidence, str) and self.evidence.contradiction(corners) is not None
-
-    def _contradicted(self, corners: Corners | None) -> bool:
-        return corners is not None and self._contradicts(corners().detach().numpy())
-
-    def _make(self, plan: StagePlan) -> Stage:
-        """A stage, when its turn comes: it starts from the model as it is then."""
-        make: dict[Objective, Callable[[StagePlan], Stage]] = {
-            Objective.FLIGHT_LOSS: partial(
-                self._loss_stage, choose=Transitions.in_flight if self.near is self.model.object else Transitions.free
-            ),
-            Objective.FLIGHT: lambda plan: FlightStage(plan, self.model, self._tosses, self.settings),
-            Objective.LOSS: self._loss_stage,
-            Objective.ROLLOUT: self._rollout_stage,
-        }
-        return make[plan.objective](plan)
-
-    def _loss_stage(self, plan: StagePlan, choose: Callable[[Transitions], Transitions] = lambda t: t) -> LossStage:
-        train, validation = (choose(transitions) for transitions in self._transitions)
-        if self._holds:
-            free = [p for p in plan.parameters if all(p is not held for held in plan.held)]
-            plan = replace(plan, parameters=free)
-        return LossStage(plan, self.model, train, validation, self.settings)
-
-    def _rollout_stage(self, plan: StagePlan) -> RolloutStage:
-        make = partial(self._shots, plan.horizon)
-        settings, last = self.settings, plan.horizon == self.stages[-1].horizon
-        return RolloutStage(
-            plan,
-            self.model,
-            make,
-            settings.rollouts,
-            restarts=settings.restarts,
-            settles=last and self.model.object.n_joints == 0,
-            n_threads=self._n_threads,
-        )
-
-    def longest_rollout(self) -> RolloutStage | None:
-        """The last stage at the model's present parameters, if it is one of rollouts; None otherwise."""
-        last = self.stages[-1] if self.stages else None
-        return None if last is None or last.objective is not Objective.ROLLOUT else self._rollout_stage(last)
-
-    def friction_contradicted(self, horizon: int) -> bool:
-        """Whether rollouts with another friction are clearly better than with the model's.
-
-        Args:
-            horizon: Frames after first contact.
-        """
-        friction = getattr(self.model, "friction", None)
-        if friction is None:
-            return False
-        stage = self._rollout_stage(StagePlan("friction", Objective.ROLLOUT, [], horizon))
-        mu, limits = float(friction().detach()), self.settings.restarts
-        now, *others = (stage.loss_with(friction, factor * mu) for factor in (1.0, *limits.friction_factors))
-        friction.move(mu)
-        return min(others) < limits.better_share * now
-
-    def _shots(self, horizon: int) -> tuple[Shots, Shots]:
-        learned, gravity = self.model.learned_object(), self.model.flight_gravity(self._transitions[0])
-        predictor, lag = self.model.simulator(), self.model.measurement.velocity_lag
-        if learned.n_joints:
-            train, validation = (
-                make_stretches(learned, tosses, predictor, steps=horizon, velocity_lag=lag) for tosses in self._tosses
-            )
-            return train, validation
-        if self._flights is None or self._flights.outdated(learned, gravity):
-            self._flights = fit_flights(learned, self._tosses, gravity, self.settings.rollouts)
-        firsts = (first_states(tosses, learned, predictor, velocity_lag=lag) for tosses in self._tosses)
-        train, validation = (
-            make_shots(learned, tosses, horizon=horizon, first=first, flight=flight)
-            for tosses, first, flight in zip(self._tosses, firsts, self._flights.fitted, strict=True)
-        )
-        return train, validation
-
-    def state_dict(self) -> dict[str, Any]:
-        """Everything that is needed to go on: tensors, numbers and text only."""
-        return {
-            "stage": self.stage,
-            "epoch": self.epoch,
-            "stale": self.stale,
-            "best_loss": self.best_loss,
-            "best": self.best,
-            "restarts": [asdict(restart) for restart in self.restarts],
-            "before": self._before,
-            "following": None if self._following is None else asdict(self._following),
-            "holds": self._holds,
-            "way": self.way,
-            "rival": self._rival,
-            "model": _state_of(self.model),
-            "current": None if self._current is None else self._current.state_dict(),
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state_dict()` of an equal fit.
-
-        Args:
-            state: Tensors, numbers and text.
-        """
-        self.stage, self.epoch, self.stale = state["stage"], state["epoch"], state["stale"]
-        self.best_loss, self.best = state["best_loss"], state["best"]
-        self.model.load_state_dict(state["model"])
-        self.restarts = [Restart(**restart) for restart in state["restarts"]]
-        self._before, self._holds, self.way = state["before"], state["holds"], state["way"]
-        self._rival = state["rival"]
-        self._following = None if state["following"] is None else Following(**state["following"])
-        self._current = None
-        if state["current"] is not None and self.stage < len(self.stages):
-            self._current = self._make(self._plan())
-            self._current.load_state_dict(state["current"])
 
     def epochs(self) -> Iterator[EpochRecord]:
         """Fit, one record an epoch.
@@ -249,109 +142,206 @@ class Fit:
         while self.stage < len(self.stages):
             plan = self._plan()
             if self._current is None:
-                self._holds = bool(plan.held) and self._contradicted(plan.corners)
-                self._current = self._make(plan)
-                self._current.begin()
-                if plan.judged:
-                    self.best_loss, self.best = self._current.validation_loss(), _state_of(self.model)
-                if isinstance(self._current, RolloutStage) and self._current.friction_restarted:
-                    self.restarts.append(Restart(plan.name, "friction", 1, kept=True))
-            done = False
-            patience = self.settings.patience if self._following is None else Following.PATIENCE
-            while not done and self.epoch < self._current.epochs and self.stale < patience:
-                record, done = self._step(self._current)
+                self._begin(plan)
+            stage, done = self._current, False
+            assert stage is not None
+            patience = TRAINING_PATIENCE if self._retry and self._retry.follows_training else self.settings.patience
+            while not done and self.epoch < stage.epochs and self.stale < patience:
+                record, done = self._step(stage)
                 if done:
-                    self.epoch = self._current.epochs
+                    self.epoch = stage.epochs
                 yield record
             self.model.load_state_dict(self.best)
-            if isinstance(self._current, RolloutStage):
-                self._against_rival(plan, self._current)
+            if isinstance(stage, RolloutStage):
+                self._compare_with_rival(plan, stage.prediction)
             corners = self._learned_by(plan).corner_pos.tolist()
-            if corners != self.way[-1]:
-                self.way.append(corners)
-            self.stage += 0 if self._again(plan) else 1
+            if corners != self.corner_history[-1]:
+                self.corner_history.append(corners)
+            self.stage += 0 if self._begin_another_pass(plan) else 1
             self.epoch, self.stale, self.best_loss, self._current = 0, 0, float("inf"), None
 
-    def _against_rival(self, plan: StagePlan, stage: RolloutStage) -> None:
-        """Note what a rival leaves; after the last stage, return to it unless the model is clearly better."""
-        if plan.rival:
-            train, validation = stage.losses_by_toss()
-            self._rival = train.tolist(), validation.tolist(), _state_of(self.model)
-        elif self._rival is not None and self.stage + 1 == len(self.stages):
-            *losses, simple = self._rival
-            if not stage.clearly_better((np.array(losses[0]), np.array(losses[1]))):
-                self.model.load_state_dict(simple)
-                moved = sum(parameter.numel() for parameter in plan.parameters)
-                self.restarts.append(Restart(plan.name, UNDETERMINED, moved, kept=False))
+    def _begin(self, plan: StagePlan) -> None:
+        """Make a stage and begin it: it starts from the model as it is now."""
+        self._holds_inertia = bool(plan.held) and self._learned_corners_contradicted(plan)
+        self._current = stage = self._make(plan)
+        stage.begin()
+        if plan.judged:
+            self.best_loss, self.best = stage.validation_loss(), _state_of(self.model)
+        if isinstance(stage, RolloutStage) and stage.friction_restarted:
+            self.restarts.append(Restart(plan.name, "friction", 1, kept=True))
+
+    def _step(self, stage: Stage) -> tuple[EpochRecord, bool]:
+        """An epoch of a stage; its record, and whether the stage is done."""
+        before, started = _state_of(self.model), time.perf_counter()
+        now = stage.step()
+        seconds = time.perf_counter() - started
+        if not np.isfinite(now.train_loss) or np.isnan(now.validation_loss):
+            raise DivergedError(
+                f"the loss became {now.train_loss} in stage '{stage.name}', epoch {self.epoch}", state=before
+            )
+        loss, least = now.validation_loss, LEAST_IMPROVEMENT
+        if self._retry is not None and self._retry.follows_training:
+            self._retry.loss = loss
+            loss, least = now.train_loss, TRAINING_END
+        # steps of rollouts go to a root, about which losses, of validation tosses, too, are rough
+        better = isinstance(stage, RolloutStage) or loss < self.best_loss * (1 - least)
+        if better:
+            self.best_loss, self.best, self.stale = loss, _state_of(self.model), 0
+        else:
+            self.stale += 1
+        self.epoch += 1
+        losses = (now.train_loss, now.validation_loss)
+        return EpochRecord(stage.name, self.epoch, *losses, now.parts, now.passes, seconds, better), now.done
 
     def _plan(self) -> StagePlan:
         """The present stage, with the gap's width of the present pass."""
-        plan, following = self.stages[self.stage], self._following
-        if plan.widen is not None:
-            plan.widen(1.0 if following is None else following.widths[0])
-        return plan if following is None else replace(plan, name=f"{plan.name}-gap-{following.widths[0]:g}")
+        plan, width = self.stages[self.stage], None
+        if self._retry is not None and self._retry.follows_training:
+            width = self._retry.gap_widths[0]
+        if plan.widen_gap is not None:
+            plan.widen_gap(width or 1.0)
+        return plan if width is None else replace(plan, name=f"{plan.name}-gap-{width:g}")
 
-    def _again(self, plan: StagePlan) -> bool:
-        """Whether the stage that has ended is to be gone through again."""
-        if self._following is None:
-            return self._start_again(plan) or self._follow(plan)
-        self._following.widths.pop(0)
-        if self._following.widths:
+    # ------------------------------------------------------------------------------------------- stages by objective
+
+    def _make(self, plan: StagePlan) -> Stage:
+        if plan.objective is Objective.ROLLOUT:
+            settles = plan.horizon == self.stages[-1].horizon and self.model.object.n_joints == 0
+            prediction = self._prediction(plan)
+            return RolloutStage(plan, prediction, self.settings.rollouts, settles=settles)
+        if plan.objective is Objective.FLIGHT:
+            return FlightStage(plan, self.model, self._tosses, self.settings)
+        train, validation = self.transitions
+        if plan.objective is Objective.FLIGHT_LOSS:
+            choose = Transitions.in_flight if self.contact_geometry is self.model.object else Transitions.free
+            train, validation = choose(train), choose(validation)
+        if self._holds_inertia:
+            learned = [p for p in plan.parameters if all(p is not held for held in plan.held)]
+            plan = replace(plan, parameters=learned)
+        return LossStage(plan, self.model, train, validation, self.settings)
+
+    def _prediction(self, plan: StagePlan) -> PredictionError:
+        return PredictionError(
+            self.model,
+            plan.parameters,
+            lambda: self._shots(plan.horizon),
+            self.settings.rollouts,
+            n_threads=self._n_threads,
+        )
+
+    def longest_prediction(self) -> PredictionError | None:
+        """The error of the last stage at the model's present parameters, if it is one of rollouts; None otherwise."""
+        last = self.stages[-1] if self.stages else None
+        return None if last is None or last.objective is not Objective.ROLLOUT else self._prediction(last)
+
+    def friction_contradicted(self, horizon: int) -> bool:
+        """Whether rollouts with another friction are clearly better than with the model's.
+
+        Args:
+            horizon: Frames after first contact.
+        """
+        friction = getattr(self.model, "friction", None)
+        if friction is None:
+            return False
+        prediction = self._prediction(StagePlan("friction", Objective.ROLLOUT, [], horizon))
+        mu, losses = float(friction().detach()), []
+        for factor in (1.0, *FRICTION_FACTORS):
+            friction.move(factor * mu)
+            losses.append(prediction.training_loss())
+        friction.move(mu)
+        return min(losses[1:]) < BETTER_SHARE * losses[0]
+
+    def _shots(self, horizon: int) -> tuple[Shots, Shots]:
+        """Training and validation shots; of objects with joints, short stretches from everywhere in a toss."""
+        learned, predictor = self.model.learned_object(), self.model.simulator()
+        lag = self.model.measurement.velocity_lag
+        if learned.n_joints:
+            train, validation = (
+                make_stretches(learned, tosses, predictor, steps=horizon, velocity_lag=lag) for tosses in self._tosses
+            )
+            return train, validation
+        gravity = self.model.flight_gravity(self.transitions[0])
+        if self._flights is None or self._flights.outdated(learned, gravity):
+            self._flights = first_states_of_flights(learned, self._tosses, gravity)
+        firsts = (first_states(tosses, learned, predictor, velocity_lag=lag) for tosses in self._tosses)
+        train, validation = (
+            make_shots(learned, tosses, horizon=horizon, first=first, flight=flight)
+            for tosses, first, flight in zip(self._tosses, firsts, self._flights.states, strict=True)
+        )
+        return train, validation
+
+    # ------------------------------------------------------------------- what is started again, undone or gone through
+
+    def _contradicted(self, corners: NDArray[np.float64]) -> bool:
+        return not isinstance(self.evidence, str) and self.evidence.contradiction(corners) is not None
+
+    def _learned_corners_contradicted(self, plan: StagePlan) -> bool:
+        return plan.corners is not None and self._contradicted(plan.corners().detach().numpy())
+
+    def _begin_another_pass(self, plan: StagePlan) -> bool:
+        """Prepare another pass through a stage that has ended; False if there is none.
+
+        A pass with contradicted corners started again counts if its validation loss is lower than that of the pass
+        before. Once no corner is contradicted any more, all are followed to an end that does not depend on the start.
+        """
+        retry, self._retry = self._retry, None
+        if retry is None:
+            return self._restart_corners(plan) or self._follow_all_corners(plan)
+        if len(retry.gap_widths) > 1:
+            self._retry = replace(retry, gap_widths=retry.gap_widths[1:])
             return True
-        if self._following.ends_at > self.settings.restarts.followed_loss * self._following.loss:
-            self.model.load_state_dict(self._following.before)
+        loss = retry.loss if retry.follows_training else self.best_loss
+        undone = loss >= retry.most_loss
+        if undone:
+            self.model.load_state_dict(retry.before)
             self.restarts[-1] = replace(self.restarts[-1], kept=False)
-        self._following = None
-        return False
+        if retry.follows_training:
+            return False
+        return (not undone and self._restart_corners(plan)) or self._follow_all_corners(plan)
 
-    def _follow(self, plan: StagePlan) -> bool:
-        """Whether corners that were started again are now followed to an end that does not depend on the start.
+    def _restart_corners(self, plan: StagePlan) -> bool:
+        """Move corners that the tosses contradict to where these show corners; False where none moves."""
+        tried = sum(restart.what == "corners" for restart in self.restarts)
+        if tried >= self.settings.restarts.corners or not self._learned_corners_contradicted(plan):
+            return False
+        return self._move_corners(plan, Retry([], _state_of(self.model), self.best_loss), every=False)
+
+    def _follow_all_corners(self, plan: StagePlan) -> bool:
+        """Move all corners to where the tosses show them, if some were; False where none moves.
 
         With the narrow gap alone the loss has minima a millimetre apart, and validation tosses end the stage on the way
-        to one of them. All corners begin where the tosses show them, and the loss narrows pass by pass.
+        to one of them. So the loss narrows pass by pass.
         """
-        widths, limits = list(self.settings.restarts.gap_widths), self.settings.restarts
-        again = any(restart.what == "corners" and restart.kept for restart in self.restarts)
-        if not (again and widths and plan.widen is not None) or isinstance(self._source, str):
+        moved_some = any(restart.what == "corners" and restart.kept for restart in self.restarts)
+        if not moved_some or plan.widen_gap is None:
             return False
-        assert plan.corners is not None
-        now = plan.corners().detach().numpy().copy()
-        moved = self._source.corrected(now, every=True)
-        changed = int((moved != now).any(axis=1).sum())
-        if not changed or limits.corners == 0:
-            return False
-        self.restarts.append(Restart(plan.name, "all corners", changed, kept=True))
-        self._following = Following(widths, self.best_loss, _state_of(self.model))
-        plan.corners.move(moved)
-        return True
+        retry = Retry(list(GAP_WIDTHS), _state_of(self.model), LARGEST_RISE * self.best_loss)
+        return self._move_corners(plan, retry, every=True)
 
-    def _start_again(self, plan: StagePlan) -> bool:
-        """Whether the stage that has ended is to be gone through again, with corners that were started again.
-
-        A pass with corners started again counts if its validation loss is lower than that of the pass before.
-        """
-        if self._before is not None:
-            loss, before = self._before
-            self._before = None
-            if self.best_loss >= loss:
-                self.model.load_state_dict(before)
-                self.restarts[-1] = replace(self.restarts[-1], kept=False)
-                return False
-        tried = sum(restart.what == "corners" for restart in self.restarts)
-        if tried >= self.settings.restarts.corners or not self._contradicted(plan.corners):
-            return False
-        assert plan.corners is not None
-        if isinstance(self._source, str):
+    def _move_corners(self, plan: StagePlan, retry: Retry, *, every: bool) -> bool:
+        if isinstance(self._shown_corners, str) or plan.corners is None:
             return False
         now = plan.corners().detach().numpy().copy()
-        moved = self._source.corrected(now)
-        changed = int((moved != now).any(axis=1).sum())
-        if not changed:
+        corners = self._shown_corners.corrected(now, every=every)
+        count = int((corners != now).any(axis=1).sum())
+        if count == 0:
             return False
-        self._before = (self.best_loss, _state_of(self.model))
-        self.restarts.append(Restart(plan.name, "corners", changed, kept=True))
-        plan.corners.move(moved)
+        self._retry = retry
+        self.restarts.append(Restart(plan.name, "all corners" if every else "corners", count, kept=True))
+        plan.corners.move(corners)
         return True
+
+    def _compare_with_rival(self, plan: StagePlan, prediction: PredictionError) -> None:
+        """Note what a rival leaves; after the last stage, return to it unless the model is clearly better."""
+        if plan.rival:
+            train, validation = prediction.mean_losses()
+            self._rival = train.tolist(), validation.tolist(), _state_of(self.model)
+        elif self._rival is not None and self.stage + 1 == len(self.stages):
+            *losses, simple = self._rival
+            if not clearly_better(prediction.mean_losses(), (np.array(losses[0]), np.array(losses[1]))):
+                self.model.load_state_dict(simple)
+                moved = sum(parameter.numel() for parameter in plan.parameters)
+                self.restarts.append(Restart(plan.name, UNDETERMINED, moved, kept=False))
 
     def _learned_by(self, plan: StagePlan) -> ObjectModel:
         """The object as a stage left it.
@@ -368,30 +358,37 @@ class Fit:
                 state=_state_of(self.model),
             ) from error
 
-    def _step(self, stage: Stage) -> tuple[EpochRecord, bool]:
-        before = _state_of(self.model)
-        started = time.perf_counter()
-        now = stage.step()
-        seconds = time.perf_counter() - started
-        if now.train_loss - now.train_loss != 0.0 or now.validation_loss != now.validation_loss:
-            raise DivergedError(
-                f"the loss became {now.train_loss} in stage '{stage.name}', epoch {self.epoch}", state=before
-            )
-        loss, least = now.validation_loss, self.settings.least_improvement
-        if self._following is not None:
-            self._following.ends_at = loss
-            loss, least = now.train_loss, self.settings.restarts.followed_to
-        # steps of rollouts go to a root, about which losses, of validation tosses, too, are rough
-        better = isinstance(stage, RolloutStage) or loss < self.best_loss * (1 - least)
-        if better:
-            self.best_loss, self.best, self.stale = loss, _state_of(self.model), 0
-        else:
-            self.stale += 1
-        self.epoch += 1
-        record = EpochRecord(
-            stage.name, self.epoch, now.train_loss, now.validation_loss, now.parts, now.passes, seconds, better
-        )
-        return record, now.done
+    # ---------------------------------------------------------------------------------------------------- resumption
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything that is needed to go on: tensors, numbers and text only."""
+        return {
+            **{name: getattr(self, name) for name in _STATE},
+            "restarts": [asdict(restart) for restart in self.restarts],
+            "retry": None if self._retry is None else vars(self._retry),
+            "model": _state_of(self.model),
+            "current": None if self._current is None else self._current.state_dict(),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from `state_dict()` of an equal fit.
+
+        Args:
+            state: Tensors, numbers and text.
+        """
+        for name in _STATE:
+            setattr(self, name, state[name])
+        self.model.load_state_dict(state["model"])
+        self.restarts = [Restart(**restart) for restart in state["restarts"]]
+        self._retry = None if state["retry"] is None else Retry(**state["retry"])
+        self._current = None
+        if state["current"] is not None and self.stage < len(self.stages):
+            self._current = self._make(self._plan())
+            self._current.load_state_dict(state["current"])
+
+
+_STATE = ("stage", "epoch", "stale", "best_loss", "best", "corner_history", "_rival", "_holds_inertia")
+"""Of a fit, what is plain already."""
 
 
 def _state_of(model: DynamicsModel) -> dict[str, Any]:

@@ -64,17 +64,19 @@ class Stage(Protocol):
         """Go on from `state_dict()` of an equal stage."""
 
 
-class _Evaluation(NamedTuple):
+QUADRATIC_START = 0.1
+"""Distance from its minimum (in a parameter's unit) beyond which a parameter with a quadratic loss starts there; a
+nearer one is left to the optimizer, as a given gravity that is right but for a few per cent."""
+LBFGS_HISTORY, LBFGS_EVALUATIONS = 20, 25
+"""Steps that L-BFGS remembers, and most passes through the data of one line search."""
+
+
+class Evaluation(NamedTuple):
     """The loss at a point, its parts and its gradients."""
 
     loss: Tensor
     parts: dict[str, float]
     gradients: Sequence[Tensor]
-
-
-FAR = 0.1
-"""Distance from its minimum (in a parameter's unit) beyond which a parameter with a quadratic loss starts there;
-a nearer one is left to the optimizer, as a given gravity that is right but for a few per cent."""
 
 
 class LossStage:
@@ -100,33 +102,28 @@ class LossStage:
         settings: TrainSettings,
     ) -> None:
         self.name, self.epochs = plan.name, settings.epochs
-        self._quadratic = plan.quadratic
-        self._model, self._parameters = model, plan.parameters
-        self._train, self._validation = train, validation
+        self._plan, self._model, self._train, self._validation = plan, model, train, validation
         self._batch, self._epoch = settings.batch, 0
-        self._known: dict[bytes, _Evaluation] = {}
+        self._evaluated: dict[bytes, Evaluation] = {}
+        self._by_adam = (plan.optimizer or settings.optimizer) == "adam"
         self._optimizer: torch.optim.Optimizer
-        self._pass = {"lbfgs": self._lbfgs, "adam": self._adam}[plan.optimizer or settings.optimizer]
-        with _uncompiled():
-            self._optimizer = self._lbfgs_of(settings) if self._pass == self._lbfgs else self._adam_of(settings)
-
-    def _lbfgs_of(self, settings: TrainSettings) -> torch.optim.Optimizer:
-        return torch.optim.LBFGS(
-            self._parameters,
-            max_iter=1,
-            max_eval=settings.lbfgs_evaluations,
-            history_size=settings.lbfgs_history,
-            tolerance_grad=0.0,  # the stage itself decides when it has converged
-            tolerance_change=1e-16,
-            line_search_fn="strong_wolfe",
-        )
-
-    def _adam_of(self, settings: TrainSettings) -> torch.optim.Optimizer:
-        return torch.optim.Adam(self._parameters, lr=settings.learning_rate)
+        with _without_compiler():
+            if self._by_adam:
+                self._optimizer = torch.optim.Adam(plan.parameters, lr=settings.learning_rate)
+            else:
+                self._optimizer = torch.optim.LBFGS(
+                    plan.parameters,
+                    max_iter=1,
+                    max_eval=LBFGS_EVALUATIONS,
+                    history_size=LBFGS_HISTORY,
+                    tolerance_grad=0.0,  # the stage itself decides when it has converged
+                    tolerance_change=1e-16,
+                    line_search_fn="strong_wolfe",
+                )
 
     def begin(self) -> None:
         """Put the parameter in which the loss is quadratic where its slope, a straight line, is zero."""
-        along = self._quadratic
+        along = self._plan.quadratic
         if along is None:
             return
 
@@ -137,19 +134,16 @@ class LossStage:
         along.data.copy_(start + 1.0)
         rise = slope() - at_start
         step = -at_start / rise if rise > 0 else torch.zeros_like(rise)
-        along.data.copy_(start + step if step.abs() > FAR else start)
+        along.data.copy_(start + step if step.abs() > QUADRATIC_START else start)
 
     def step(self) -> Pass:
         """One epoch."""
-        passes = self._pass()
+        passes = self._adam() if self._by_adam else self._lbfgs()
         self._epoch += 1
-        here = self._known.get(self._point())
-        self._known = {} if here is None else {self._point(): here}
+        last = self._evaluated.get(self._point())
+        self._evaluated = {} if last is None else {self._point(): last}
         with torch.no_grad():
-            if here is None:
-                loss, parts = self._model.loss(self._train)
-            else:
-                loss, parts = here.loss, here.parts
+            loss, parts = self._model.loss(self._train) if last is None else (last.loss, last.parts)
         return Pass(float(loss), self.validation_loss(), parts, passes)
 
     def validation_loss(self) -> float:
@@ -157,54 +151,56 @@ class LossStage:
         with torch.no_grad():
             return float(self._model.loss(self._validation)[0])
 
-    def _gradient(self, batch: Transitions) -> _Evaluation:
+    def _evaluate(self, batch: Transitions) -> Evaluation:
         loss, parts = self._model.loss(batch)
-        return _Evaluation(loss.detach(), parts, torch.autograd.grad(loss, self._parameters))
+        return Evaluation(loss.detach(), parts, torch.autograd.grad(loss, self._plan.parameters))
 
-    def _follow(self, gradients: Sequence[Tensor]) -> None:
-        for parameter, gradient in zip(self._parameters, gradients, strict=True):
+    def _set_gradients(self, gradients: Sequence[Tensor]) -> None:
+        for parameter, gradient in zip(self._plan.parameters, gradients, strict=True):
             parameter.grad = gradient.clone()
 
     def _point(self) -> bytes:
-        return b"".join(parameter.detach().numpy().tobytes() for parameter in self._parameters)
+        return b"".join(parameter.detach().numpy().tobytes() for parameter in self._plan.parameters)
 
     def _lbfgs(self) -> int:
+        """A step of L-BFGS; returns how often the data were gone through."""
         passes = 0
 
         def closure() -> float:
             nonlocal passes
             point = self._point()
-            if point not in self._known:
+            if point not in self._evaluated:
                 passes += 1
-                self._known[point] = self._gradient(self._train)
-            self._follow(self._known[point].gradients)
-            return float(self._known[point].loss)
+                self._evaluated[point] = self._evaluate(self._train)
+            self._set_gradients(self._evaluated[point].gradients)
+            return float(self._evaluated[point].loss)
 
         self._optimizer.step(closure)
         return passes
 
     def _adam(self) -> int:
+        """A pass of Adam through the data in batches."""
         order = torch.randperm(len(self._train), generator=torch.Generator().manual_seed(self._epoch))
         for batch in order.split(self._batch):
-            self._follow(self._gradient(self._train.rows(batch)).gradients)
+            self._set_gradients(self._evaluate(self._train.rows(batch)).gradients)
             self._optimizer.step()
         return 1
 
     def state_dict(self) -> dict[str, Any]:
         """The optimizer's state."""
-        with _uncompiled():
+        with _without_compiler():
             return {"optimizer": self._optimizer.state_dict(), "epoch": self._epoch}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from `state_dict()` of an equal stage."""
-        with _uncompiled():
+        with _without_compiler():
             self._optimizer.load_state_dict(state["optimizer"])
         self._epoch = state["epoch"]
 
 
 @contextmanager
-def _uncompiled() -> Iterator[None]:
-    """Here torch's optimizers do without torch's compiler, whose import takes a second.
+def _without_compiler() -> Iterator[None]:
+    """Here torch's optimizers do without torch's compiler, whose import takes over a second.
 
     torch imports it to mark methods of optimizers that it is not to compile (`torch._compile`), and keeps the marked
     method beside the original. Nothing is compiled here, so the original is put there meanwhile. (Steps of Adam import

@@ -36,10 +36,8 @@ from tossid.errors import ObjectError
 from tossid.models.parameters import ContactLaw
 from tossid.models.protocol import Objective
 from tossid.objects import ObjectModel
-from tossid.settings.training import IntervalSettings
 from tossid.training.fit import Fit
-from tossid.training.gauss_newton import GaussNewton
-from tossid.training.rollouts import RolloutStage
+from tossid.training.prediction import GaussNewton, PredictionError
 
 Array = NDArray[np.float64]
 
@@ -51,6 +49,9 @@ AFTER_FLIGHT = 1.5
 friction are 1.7 times those of models without it, and V of rollouts is 1.3² times theirs."""
 STEP = 1e-3
 """Of the differences of what parameters mean, in the parameters' own units of order one."""
+WEAK_FRICTION, WEAK_COM, WEAK_CONTACT_REL, WEAK_INERTIA_REL = 0.05, 5e-3, 0.5, 0.25
+"""Half widths of intervals beyond which the tosses do not determine friction, a centre of mass [m], and, relative to
+the value, a number of the contact law and an inertia or mass: such an interval confines nothing that one would use."""
 TOTAL_MASS = "total mass: tosses over a fixed ground show ratios of masses only"
 OPEN, OPEN_LAW = "the tosses leave it open", "the tosses do not tell Coulomb's law from its relaxation (MuJoCo's)"
 """Why there is no interval."""
@@ -67,40 +68,40 @@ def parameter_intervals(fit: Fit) -> dict[str, Any] | None:
         as "com_z_m" (with the body's name where there are several). "ci95" is None of what the tosses do not determine,
         beside a "reason"; the text, one line, has these names. None if there was no rollout stage.
     """
-    stage = fit.longest_rollout()
-    if stage is None:
+    prediction = fit.longest_prediction()
+    if prediction is None:
         return None
-    sums = stage.gauss_newton(central=stage.central)
+    sums = prediction.gauss_newton()
     n, none = len(sums.g), {"method": METHOD, "n_tosses": len(sums.g), "intervals": {}}
     if n < 2:
         return {**none, "not_determined": "all that was learned: one toss has no scatter"}
     if not sums.H.any():
         return {**none, "not_determined": "all that was learned: no rollout comes to the ground"}
     flight = any(plan.objective is Objective.FLIGHT_LOSS for plan in fit.stages)
-    cov, sure_of_law = covariance(stage, sums, widened=AFTER_FLIGHT if flight else 1.0)
+    cov, law_is_sure = covariance(prediction, sums, widened=AFTER_FLIGHT if flight else 1.0)
     fitted = fit.model.learned_object()
     yields = fitted.compliance > 0
-    values, slopes = _readings(fitted, yields=yields), _slopes(fit, stage, sums.x, yields=yields)
+    values, slopes = quantities(fitted, yields=yields), _slopes(fit, prediction, sums.x, yields=yields)
     reach = student.ppf(0.975, n - 1) * np.sqrt(np.einsum("kp,pq,kq->k", slopes, cov, slopes))
     halves = {name: half for name, half in zip(values, reach.tolist(), strict=True) if half != 0.0}  # the rest is given
-    makes_up = not sure_of_law and any("inertia" in name for name in halves)
+    compensates = not law_is_sure and any("inertia" in name for name in halves)
     intervals: dict[str, dict[str, Any]] = {}
     for name, half in halves.items():
         value = values[name]
-        if not half <= _limit(name, value, fit.settings.intervals):
+        if not half <= _largest_half_width(name, value):
             intervals[name] = {"value": value, "ci95": None, "reason": OPEN}
-        elif makes_up and "com" not in name:
+        elif compensates and "com" not in name:
             intervals[name] = {"value": value, "ci95": None, "reason": OPEN_LAW}
         else:
             intervals[name] = {"value": value, "ci95": _ends(name, value, half)}
-    return {**none, "intervals": intervals, "not_determined": _line(intervals, n)}
+    return {**none, "intervals": intervals, "not_determined": _not_determined(intervals, n)}
 
 
-def covariance(stage: RolloutStage, sums: GaussNewton, *, widened: float = 1.0) -> tuple[Array, bool]:
-    """Covariance of a stage's parameters (P, P), as the module says, and whether tosses reject the relaxation.
+def covariance(prediction: PredictionError, sums: GaussNewton, *, widened: float = 1.0) -> tuple[Array, bool]:
+    """Covariance of the parameters (P, P), as the module says, and whether tosses reject the relaxation.
 
     Args:
-        stage: At the parameters of the sums, at which it stays.
+        prediction: At the parameters of the sums, at which it stays.
         sums: Of two tosses or more.
         widened: Factor of V.
     """
@@ -109,24 +110,24 @@ def covariance(stage: RolloutStage, sums: GaussNewton, *, widened: float = 1.0) 
     left_out = -np.linalg.solve(H - sums.H + ridge, (g - sums.g)[..., None])[..., 0]
     spread = left_out - left_out.mean(0)
     scale = (n - 1) / (n * size) * np.einsum("ip,pq,iq->", spread, H + ridge, spread)
-    beside = np.linalg.solve(H + ridge, g)
-    cov = widened * scale * np.linalg.inv(H + ridge) + np.outer(beside, beside)
-    relaxed = stage.with_relaxed_contact()
+    to_minimum = -np.linalg.solve(H + ridge, g)
+    cov = widened * scale * np.linalg.inv(H + ridge) + np.outer(to_minimum, to_minimum)
+    relaxed = prediction.with_relaxed_contact()
     if relaxed is None:
         return cov, False
-    before, there = stage.training_losses(), relaxed.gauss_newton(central=stage.central)
-    away = -np.linalg.solve(there.H.sum(0) + ridge, there.g.sum(0))
-    stage.set_parameters(sums.x + away)
+    before, of_relaxed = prediction.training_losses(), relaxed.gauss_newton()
+    to_relaxed = -np.linalg.solve(of_relaxed.H.sum(0) + ridge, of_relaxed.g.sum(0))
+    prediction.set_parameters(sums.x + to_relaxed)
     with suppress(ObjectError):  # a step beyond every body
         gain = before - relaxed.training_losses()
         score = gain.mean() / max(gain.std(ddof=1) / np.sqrt(n), 1e-300)
         if student.cdf(score, n - 1) < REJECTED:
-            away *= 0.0
-    stage.set_parameters(sums.x)
-    return cov + np.outer(away, away), not away.any()
+            to_relaxed *= 0.0
+    prediction.set_parameters(sums.x)
+    return cov + np.outer(to_relaxed, to_relaxed), not to_relaxed.any()
 
 
-def _slopes(fit: Fit, stage: RolloutStage, x: Array, *, yields: bool) -> Array:
+def _slopes(fit: Fit, prediction: PredictionError, x: Array, *, yields: bool) -> Array:
     """Derivatives (K, P) of what the parameters mean; NaN where there is no body to either side."""
     rows = []
     for j in range(len(x)):
@@ -134,12 +135,12 @@ def _slopes(fit: Fit, stage: RolloutStage, x: Array, *, yields: bool) -> Array:
         for by in (-STEP, 0.0, STEP):
             moved = x.copy()
             moved[j] += by
-            stage.set_parameters(moved)
+            prediction.set_parameters(moved)
             with suppress(ObjectError):
-                ends.append((by, np.array(list(_readings(fit.model.learned_object(), yields=yields).values()))))
+                ends.append((by, np.array(list(quantities(fit.model.learned_object(), yields=yields).values()))))
         (first, low), (last, high) = ends[0], ends[-1]
         rows.append((high - low) / (last - first) if last > first else np.full_like(low, np.nan))
-    stage.set_parameters(x)
+    prediction.set_parameters(x)
     return np.array(rows).T
 
 
@@ -152,7 +153,7 @@ def _ends(name: str, value: float, half: float) -> list[float]:
     return [value * float(np.exp(-half / value)), value * float(np.exp(half / value))]
 
 
-def _line(intervals: dict[str, dict[str, Any]], n: int) -> str:
+def _not_determined(intervals: dict[str, dict[str, Any]], n: int) -> str:
     """What is not determined, in one line."""
     names = [name for name, each in intervals.items() if each["ci95"] is None]
     if not names:
@@ -163,22 +164,23 @@ def _line(intervals: dict[str, dict[str, Any]], n: int) -> str:
     return f"{which}, by {n} tosses{also}; {TOTAL_MASS}"
 
 
-def _limit(name: str, value: float, settings: IntervalSettings) -> float:
+def _largest_half_width(name: str, value: float) -> float:
     """The half width of an interval beyond which the tosses do not determine a quantity."""
-    limits = {
-        "friction": settings.weak_friction,
-        "com": settings.weak_com,
-        "stiffness": settings.weak_contact_rel * abs(value),
-        "relaxation": settings.weak_contact_rel * abs(value),
-        "cohesion": settings.weak_contact_rel * abs(value),
-        "inertia": settings.weak_inertia_rel * abs(value),
-        "mass": settings.weak_inertia_rel * abs(value),
-    }
-    return next(limit for kind, limit in limits.items() if kind in name)
+    if "friction" in name:
+        return WEAK_FRICTION
+    if "com" in name:
+        return WEAK_COM
+    in_contact = any(kind in name for kind in ("stiffness", "relaxation", "cohesion"))
+    return (WEAK_CONTACT_REL if in_contact else WEAK_INERTIA_REL) * abs(value)
 
 
-def _readings(model: ObjectModel, *, yields: bool) -> dict[str, float]:
-    """What the parameters mean, by name. Where fitted contact yields, rigid contact counts as the stiffest spring."""
+def quantities(model: ObjectModel, *, yields: bool) -> dict[str, float]:
+    """What parameters mean, by name, in SI units.
+
+    Args:
+        model: The object with them.
+        yields: Whether fitted contact does: rigid contact then counts as the stiffest spring.
+    """
     values = {"friction": model.friction, "cohesion_n": model.cohesion}
     if yields:
         stiffest = float(model.mass.sum()) / (1e-3 * ContactLaw.RIGID_UP_TO) ** 2

@@ -208,17 +208,6 @@ def _link_json(shape: ConvexShape, alone: NDArray[np.int64]) -> dict[str, Any]:
     }
 
 
-def rest_heights(tosses: Sequence[Toss], tree: ObjectModel, shapes: Sequence[ConvexShape]) -> dict[str, float]:
-    """Height of an object's lowest point at the end of each toss that has come to rest, by the toss's name [m].
-
-    Args:
-        tosses: Of one rigid body, or of two links on a hinge, over the ground z = 0.
-        tree: The body, or the links and their hinge.
-        shapes: Of each link.
-    """
-    return {toss.name: float(_clearance(toss, tree, shapes)[-1]) for toss in tosses if toss.phase[-1] == Phase.REST}
-
-
 def _off_ground(
     tosses: Sequence[Toss], tree: ObjectModel, shapes: Sequence[ConvexShape], settings: UnknownObjectSettings
 ) -> dict[str, float]:
@@ -230,7 +219,7 @@ def _off_ground(
     Raises:
         InputError: Too many do.
     """
-    height = rest_heights(tosses, tree, shapes)
+    height = {toss.name: float(_clearance(toss, tree, shapes)[-1]) for toss in tosses if toss.phase[-1] == Phase.REST}
     off = {name: z for name, z in height.items() if abs(z) > settings.rest_off_rel * shapes[0].mean_width}
     if len(off) > max(1, settings.most_rest_off * len(height)):
         worst = 1e3 * max(map(abs, off.values()))

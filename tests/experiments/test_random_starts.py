@@ -8,10 +8,10 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from experiments.random_starts import end_difference, random_starts
 from tossid.models import TrainedModel
+from tossid.models.random_start import FRICTION, INERTIA
 from tossid.objects import GRAVITY, ObjectModel, object_from_mjcf
-from tossid.settings.training import StartSettings
-from tossid.training.starts import end_difference, random_starts
 
 
 def test_starts_lie_in_their_ranges(cube: ObjectModel) -> None:
@@ -24,10 +24,9 @@ def test_starts_lie_in_their_ranges(cube: ObjectModel) -> None:
     assert 0.15 < np.linalg.norm(ball, axis=1).max() <= 0.2
     off = np.concatenate([start.object.corner_pos - cube.corner_pos for start in starts[1::2]])
     assert off.std() == pytest.approx(0.4 * 0.5 * cube.width, rel=0.1)
-    ranges = StartSettings()
     for values, (low, high) in (
-        ([start.object.friction for start in starts], ranges.friction),
-        ([start.inertia_rel for start in starts], ranges.inertia),
+        ([start.object.friction for start in starts], FRICTION),
+        ([start.inertia_rel for start in starts], INERTIA),
     ):
         assert low <= min(values) < 2 * low
         assert 0.5 * high < max(values) <= high

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from tossid.models import TrainedModel
 from tossid.models.random_start import draw_start
 from tossid.objects import GRAVITY, ObjectModel, to_mjcf
-from tossid.settings.training import StartSettings
 
 Array = NDArray[np.float64]
 
@@ -47,9 +46,7 @@ class EndDifference(NamedTuple):
     friction: float
 
 
-def random_starts(
-    stated: ObjectModel, count: int, settings: StartSettings | None = None, *, continuous: bool = True, seed: int = 0
-) -> list[Start]:
+def random_starts(stated: ObjectModel, count: int, *, continuous: bool = True, seed: int = 0) -> list[Start]:
     """Starts of which nothing is right but the centre of mass, the mass and the number of corners.
 
     Every second one has its corners evenly in a ball about the body's origin, the others have each coordinate of a
@@ -59,16 +56,14 @@ def random_starts(
     Args:
         stated: The object as it is stated.
         count: How many.
-        settings: Ranges.
         continuous: Whether inertia and gravity are drawn; if not they are as stated, for a model that is given them.
         seed: Of what is drawn.
     """
-    settings = settings or StartSettings()
     found = []
     for number in range(count):
         rng = np.random.default_rng([seed, number])
         kind = ("ball", "offset")[number % 2]
-        model, scale = draw_start(stated, rng, settings, ball=kind == "ball", inertia=continuous)
+        model, scale = draw_start(stated, rng, ball=kind == "ball", inertia=continuous)
         gravity = (0.0, GRAVITY)[(number // 2) % 2] if continuous else GRAVITY
         found.append(Start(model.with_changes(mjcf=to_mjcf(model)), gravity, kind, scale))
     return found
