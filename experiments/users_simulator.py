@@ -3,8 +3,6 @@
     python -m experiments.users_simulator out=LINES.jsonl [engine=mujoco] [substeps=4]
         [tosses=16] [seed=1] [repeats=0] [without=...] [CASE ...]
     python -m experiments.users_simulator table=LINES.jsonl
-    python -m experiments.users_simulator residuals=true [substeps=4] [tosses=16] [seed=1] [CASE ...]
-    python -m experiments.users_simulator predict=true [engine=mujoco] [tosses=16] [seed=1] [CASE ...]
 
 Tosses are made by an engine that has one effect, with noise, and the user's simulator is that engine without it: MuJoCo
 with its default soft contact, Bullet or Drake. One JSON line a case is added to the file: what was named, values with
@@ -12,14 +10,6 @@ with its default soft contact, Bullet or Drake. One JSON line a case is added to
 processes. Cases that the file has already are not run again. Without the names of cases all run that the engine has.
 `null` is the engine itself. `substeps` are MuJoCo's steps a frame, 7 by default. `without` names effects that are not
 sought. `table` prints a file in Markdown.
-
-With `residuals` nothing is sought either. A line has the root mean square of whitened residuals, by how often windows
-that fit poorly are restarted: under the engine that made the tosses, and under the other with the true effect.
-
-With `predict` nothing is sought. Windows of 20 frames are predicted from true first states, with the true effect, by
-each form of `UsersWorld`: changes of whole motions, changes of frames by rigid contact, and by the nearest one. A line
-has the median error over windows in standard deviations of noise, and the share of the mean square that is closed
-(errors beyond 30 count as 30).
 """
 
 from __future__ import annotations
@@ -29,8 +19,8 @@ import math
 import resource
 import sys
 import time
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -41,19 +31,12 @@ from mujoco import rollout
 from numpy.typing import NDArray
 
 import tossid
-from pipelines.files.json_lines import add_line, lines_so_far, read_lines
-from tossid.audit.strengths import world_with
-from tossid.diagnosis.likelihood.simulator_process import BatchFunction, Given, SimulatorProcess
-from tossid.diagnosis.likelihood.states import difference
-from tossid.diagnosis.likelihood.step_changes import State
+from tossid.diagnosis.likelihood.simulator_process import BatchFunction, Given
 from tossid.diagnosis.likelihood.users_world import UsersWorld
-from tossid.diagnosis.likelihood.whitening import linearised
-from tossid.diagnosis.likelihood.windows import make_windows, steps_of
 from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.simulators import users_simulator
 from tossid.errors import ConfigError
-from tossid.objects import load_object
-from tossid.physics.effects import RecordingErrors, World
+from tossid.physics.effects import World
 from tossid.physics.effects.in_mujoco import DEFAULT_STEP, scene, toss_in_mujoco
 from tossid.settings.synthesis import (
     BulletEngine,
@@ -61,17 +44,12 @@ from tossid.settings.synthesis import (
     Engine,
     MujocoEngine,
     NoiseSettings,
-    ReleaseSettings,
-    SynthesizeSettings,
 )
 from tossid.synthesis.foreign_engines import SCENES
-from tossid.synthesis.tosses import draw_releases, world_of
 
 Array = NDArray[np.float64]
 
 ENGINES: dict[str, Engine] = {"mujoco": MujocoEngine(soft=True), "bullet": BulletEngine(), "drake": DrakeEngine()}
-DT, SECONDS, WINDOW = 1 / 148, 0.5, 20
-"""Of predictions: a frame [s], a toss [s], and frames of a window."""
 NOISE = NoiseSettings(position=1.5e-4, rotation=1.5e-3, velocity=0.03, spin=0.3)
 CASES: dict[str, dict[str, dict[str, float]]] = {
     "null": {},
@@ -227,94 +205,23 @@ def table(lines: list[dict[str, Any]]) -> str:
     return "\n".join([*rows, "", total])
 
 
-def predict(engine: Engine, names: list[str], *, tosses: int, seed: int) -> Iterator[dict[str, Any]]:
-    """One line a case: how well the true effect is predicted on top of the engine without it."""
-    model = load_object("cube")
-    stated, how = World(model), steps_of(World(model))
-    users = UsersWorld.of(stated, SimulatorProcess(Given(users_function(engine, stated)), about="it", seconds=600.0))
-    frames = round(SECONDS / DT)
-    q0, v0 = draw_releases(model, ReleaseSettings(), tosses, gravity=9.81, rng=np.random.default_rng(seed))
-    near = users.prepared(State(q0, v0), np.full(tosses, frames), DT, most_lost=1.0, **how)
-    forms = {"whole": replace(users, by_frame=False), "rigid": users, "nearest": near}
-    yield {"contact": asdict(near.contact)}
-    for name in names:
-        try:
-            effects = world_of(SynthesizeSettings(engine=engine, effects=CASES[name]), model)
-        except ConfigError as error:
-            yield {"case": name, "left_out": str(error)}
-            continue
-        q, v = users_function(engine, effects)(*effects.to_ground(q0, v0), frames, DT)
-        starts = np.arange(0, frames - WINDOW, WINDOW // 2)
-        q, v = effects.recorded(q, v)
-        first_q, first_v = (x[:, starts].reshape(-1, x.shape[-1]) for x in (q, v))
-        true = np.concatenate([np.stack([each[s : s + WINDOW + 1] for s in starts]) for each in q])
-
-        before = _errors(replace(users, recording=effects.recording), first_q, first_v, true)
-        line: dict[str, Any] = {"case": name, "effects": CASES[name], "before": float(np.median(before))}
-        for form, world in forms.items():
-            began = time.process_time()
-            after = _errors(world_with(world, CASES[name]), first_q, first_v, true)
-            line[form] = float(np.median(after))
-            closed = 1 - (np.minimum(after, 30) ** 2).sum() / (np.minimum(before, 30) ** 2).sum()
-            line[form + "_closed"] = round(float(closed), 3)
-            line[form + "_cpu_s"] = round(time.process_time() - began, 2)
-        yield line
-
-
-def residuals(engine: Engine, names: list[str], *, tosses: int, seed: int) -> Iterator[dict[str, Any]]:
-    """One line a case: what the best that a diagnosis could find leaves."""
-    for name in names:
-        effects, own_seed = CASES[name], seed + 100 * list(CASES).index(name)
-        dataset = tossid.synthesize("cube", tosses=tosses, seed=own_seed, engine=engine, effects=effects, noise=NOISE)
-        made_by = world_of(SynthesizeSettings(engine=engine, effects=effects), dataset.object)
-        if made_by.recording != RecordingErrors() or made_by.ground_height or any(made_by.ground_tilt):
-            yield {"case": name, "left_out": "the engine's frame is not the recorded one"}
-            continue
-        stated, windows = World(dataset.object), make_windows(dataset.tosses, dataset.object)
-        first = State(*(np.stack([getattr(toss, x)[0] for toss in dataset.tosses]) for x in ("q", "v")))
-        frames = np.array([len(toss) - 1 for toss in dataset.tosses])
-        worlds = {}
-        for form, world in (("same_engine", made_by), ("with_effect", stated)):
-            process = SimulatorProcess(Given(users_function(engine, world)), about="it", seconds=600.0)
-            users = UsersWorld.of(stated, process).prepared(
-                first, frames, windows.dt, most_lost=1.0, **steps_of(stated)
-            )
-            worlds[form] = users if form == "same_engine" else world_with(users, effects)
-        line: dict[str, Any] = {"case": name}
-        for form, world in worlds.items():
-            for restarts in range(3):
-                kept, whitening, found = linearised(windows, world, refine=4, restarts=restarts)
-                squares = np.minimum(whitening(found)[kept.counted] ** 2, 900.0)
-                line[f"{form}_{restarts}"] = round(float(np.sqrt(squares.mean())), 3)
-        yield line
-
-
-def _errors(world: World, q: Array, v: Array, true: Array) -> Array:
-    """(W,) root mean squares of windows' errors, in standard deviations of noise."""
-    run = world.roll_out(q, v, n_steps=WINDOW, dt=DT, **steps_of(world))
-    std = np.array([NOISE.position] * 3 + [NOISE.rotation] * 3)
-    size: Array = np.sqrt(((difference(true, run) / std) ** 2)[:, 1:].mean((1, 2)))
-    return np.nan_to_num(size, nan=np.inf)
+def read_lines(path: Path) -> list[dict[str, Any]]:
+    """The cases of a file; none if it is not there yet."""
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
 
 def main(arguments: list[str]) -> None:
-    """Cases that are not in the file yet, the table of a file, or predictions."""
+    """Run the cases that are not in the file yet, or print the table of a file."""
     keys = dict(each.split("=", 1) for each in arguments if "=" in each)
     names = [each for each in arguments if "=" not in each] or list(CASES)
     engine = ENGINES[keys.get("engine", "mujoco")]
     if "substeps" in keys:
         engine = replace(engine, substeps=int(keys["substeps"]))
     if "table" in keys:
-        sys.stdout.write(table(read_lines(keys["table"])) + "\n")
-        return
-    looks = {"predict": predict, "residuals": residuals}
-    for look in (function for key, function in looks.items() if keys.get(key) == "true"):
-        for line in look(engine, names, tosses=int(keys.get("tosses", 16)), seed=int(keys.get("seed", 1))):
-            sys.stdout.write(json.dumps(line) + "\n")
-            sys.stdout.flush()
+        print(table(read_lines(Path(keys["table"]))))
         return
     out = Path(keys["out"])
-    done = [line["case"] for line in lines_so_far(out)]
+    done = [line["case"] for line in read_lines(out)]
     for name in (each for each in names if each not in done):
         line = run(
             engine,
@@ -324,7 +231,8 @@ def main(arguments: list[str]) -> None:
             repeats=int(keys.get("repeats", 0)),
             without=tuple(filter(None, keys.get("without", "").split(","))),
         )
-        add_line(out, line)
+        with out.open("a") as file:
+            file.write(json.dumps(line) + "\n")
 
 
 if __name__ == "__main__":

@@ -65,7 +65,7 @@ def test_edits_change_the_digests_of_what_depends_on_them(tmp_path: Path) -> Non
 def test_a_study_depends_on_its_code_and_on_conf(tmp_path: Path) -> None:
     copy = Copy(tmp_path)
     found = [copy.python(STUDY)]
-    copy.edit("conf/train.yaml", r"^epochs: \d+", "epochs: 17")
+    copy.edit("conf/model/cn.yaml", r"\Z", "hidden: 17\n")
     found.append(copy.python(STUDY))
     copy.edit("tossid/physics/forces.py", r"\Z", "\nSPARE = 1\n")
     found.append(copy.python(STUDY))

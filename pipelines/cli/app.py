@@ -131,9 +131,9 @@ def info(
 ) -> None:
     """Say what is in a dataset, a pose file or a recording."""
     from pipelines.cli.call import call
-    from pipelines.commands.info import Asked
+    from pipelines.commands.info import InfoRequest
 
-    call("info", Asked(file, figure), json=json, quiet=quiet)
+    call("info", InfoRequest(file, figure), json=json, quiet=quiet)
 
 
 def _run(command: str, keys: list[str] | None, *, json: bool, quiet: bool) -> None:

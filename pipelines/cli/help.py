@@ -10,7 +10,7 @@ from typer.core import TyperCommand
 from pipelines.config.keys import MISSING, Group, Key, all_keys, keys_of
 from pipelines.config.places import folders
 from pipelines.config.schemas import COMMANDS
-from tossid.settings.kinds import class_of, parts_of
+from tossid.settings.kinds import class_of, parts_of, to_plain
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -24,6 +24,10 @@ class KeyedCommand(TyperCommand):
         super().format_help(ctx, formatter)
         if self.name in COMMANDS:
             print_keys(self.name)
+
+
+_ABSENT = object()
+"""Of a key that no file of `conf/` sets."""
 
 
 def command_names() -> list[str]:
@@ -93,9 +97,11 @@ def _add_group(table: Table, group: Group, schema: type, default: str | None) ->
 
 
 def _default(key: Key, values: dict[str, Any]) -> str:
+    """A key's value in `conf/`, else its default, as one would write it."""
     value: Any = values
     for part in key.name.split("."):
-        value = value.get(part) if isinstance(value, dict) else None
+        value = value.get(part, _ABSENT) if isinstance(value, dict) else _ABSENT
+    value = to_plain(key.default) if value is _ABSENT else value
     if value == MISSING:
         return "(needed)"
     if isinstance(value, bool) or value is None:

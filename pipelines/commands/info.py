@@ -12,8 +12,8 @@ from tossid.errors import FileError
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What `tossid info` was asked."""
+class InfoRequest:
+    """What `tossid info` describes and draws."""
 
     file: Path
     """a dataset, a pose file or a recording folder"""
@@ -21,10 +21,10 @@ class Asked:
     """a file (.png) for the figure of the order of recording; None for none"""
 
 
-def run(asked: Asked | Path, console: Console) -> dict[str, Any]:
+def run(request: InfoRequest | Path, console: Console) -> dict[str, Any]:
     """Describe a file (a path alone asks for no figure); returns what `--json` prints."""
-    asked = Asked(asked) if isinstance(asked, Path) else asked
-    path = asked.file
+    request = InfoRequest(request) if isinstance(request, Path) else request
+    path = request.file
     if not path.exists():
         raise FileError(path, "no such file or folder")
     if not path.is_dir():
@@ -44,8 +44,8 @@ def run(asked: Asked | Path, console: Console) -> dict[str, Any]:
     else:
         raise FileError(path, "expected a dataset (.h5), poses (.txt, .npz), detections (.npz) or a recording folder")
     show(facts, console, title=str(path))
-    if asked.figure is not None:
-        facts["figure"] = str(_draw(path, asked.figure))
+    if request.figure is not None:
+        facts["figure"] = str(_draw(path, request.figure))
     return facts
 
 

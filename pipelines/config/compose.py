@@ -26,7 +26,7 @@ def load(command: str, schema: type[C], overrides: Sequence[str] = (), *, conf: 
     """The config of a command.
 
     Args:
-        command: its defaults are in `conf/COMMAND.yaml`.
+        command: `conf/COMMAND.yaml` names its default members, and values that differ from the schema's defaults.
         schema: the frozen dataclass that says what its keys are.
         overrides: KEY=VALUE, as typed.
         conf: the folder of values.
@@ -150,13 +150,14 @@ def _override(
         raise _unknown(key, known, schema, chosen, conf)
     if isinstance(match, Group):
         return f"{key}={chosen[key] or 'null'}"
+    line = f"++{key}="  # `conf/` need not have the key, as the library has its default
     if match.fixed:
         group = key.rpartition(".")[0]
         raise ConfigError(key, f"is set by {group}={chosen.get(group)}; choose another member with {group}=….")
     if match.is_text and value not in ("null", "None"):
-        return f"{key}={_quote(value)}"
+        return line + _quote(value)
     _check_syntax(key, value, match)
-    return f"{key}={value}"
+    return line + value
 
 
 def _unknown(
@@ -201,7 +202,7 @@ def _parse(key: str, value: str) -> Any:
 def _put(values: dict[str, Any], key: str, value: Any) -> None:
     *path, last = key.split(".")
     for part in path:
-        values = values[part]
+        values = values.setdefault(part, {})
     values[last] = value
 
 

@@ -6,6 +6,7 @@ import ast
 import difflib
 import inspect
 from collections.abc import Iterable, Mapping
+from dataclasses import MISSING as NO_DEFAULT
 from dataclasses import Field, dataclass, fields, is_dataclass
 from functools import cache
 from pathlib import Path
@@ -20,11 +21,20 @@ MISSING = "???"
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """One settable key. `fixed`: the `name` of a group's member, set by choosing it."""
+    """One settable key.
+
+    Attributes:
+        name: the key.
+        type: of its values.
+        doc: what it says of itself.
+        default: its value where neither `conf/` nor the caller says one; `MISSING` where one of them has to.
+        fixed: whether it is the `name` of a group's member, set by choosing it.
+    """
 
     name: str
     type: Any
     doc: str
+    default: Any = MISSING
     fixed: bool = False
 
     @property
@@ -95,7 +105,7 @@ def group_members(group: str, conf: Path = CONF) -> tuple[str, ...]:
 
 
 def keys_of(
-    schema: type, chosen: Mapping[str, str | None], *, prefix: str = "", conf: Path = CONF
+    schema: type, chosen: Mapping[str, str | None], *, prefix: str = "", conf: Path = CONF, start: Any = None
 ) -> list[Key | Group]:
     """All keys of a schema, in its order.
 
@@ -104,6 +114,7 @@ def keys_of(
         chosen: The chosen member of each group; keys of other members are left out.
         prefix: Put before each name.
         conf: The folder of values.
+        start: Settings that hold the defaults; None: those of the schema.
 
     Returns:
         Keys and groups. A group is followed by the keys of its chosen member.
@@ -113,11 +124,14 @@ def keys_of(
     for field in key_fields(schema):
         name, hint = prefix + field.name, hints[field.name]
         classes = [part for part in parts_of(hint) if isinstance(part, type) and is_dataclass(part)]
+        default = _default_of(field, hint, start)
         if not classes:
-            found.append(Key(name, hint, docs[field.name], fixed=field.name == "name" and get_origin(hint) is Literal))
+            fixed = field.name == "name" and get_origin(hint) is Literal
+            found.append(Key(name, hint, docs[field.name], default, fixed))
             continue
         if not (conf / field.name).is_dir():
-            found += keys_of(classes[0], chosen, prefix=name + ".", conf=conf)
+            inner = default if isinstance(default, classes[0]) else None
+            found += keys_of(classes[0], chosen, prefix=name + ".", conf=conf, start=inner)
             continue
         found.append(Group(name, docs[field.name], type(None) in parts_of(hint), tuple(classes)))
         member = chosen.get(name)
@@ -126,6 +140,17 @@ def keys_of(
             if own is not None:
                 found += keys_of(own, chosen, prefix=name + ".", conf=conf)
     return found
+
+
+def _default_of(field: Field[Any], hint: Any, start: Any) -> Any:
+    """The value of a field that nothing sets; `MISSING` where there is none."""
+    if start is not None:
+        return getattr(start, field.name)
+    if field.default is not NO_DEFAULT:
+        return field.default
+    if field.default_factory is not NO_DEFAULT:
+        return field.default_factory()
+    return None if type(None) in parts_of(hint) else MISSING
 
 
 def all_keys(schema: type, *, conf: Path = CONF) -> list[str]:

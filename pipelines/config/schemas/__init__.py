@@ -1,6 +1,7 @@
 """The keys of every command, with their types and meanings.
 
-Values live in `conf/`: none has a default here. The text under a field is its
+`conf/COMMAND.yaml` names a command's default members, and holds what differs from the defaults here and in
+`tossid.settings`. The text under a field is its
 documentation; `tossid COMMAND --help` prints it. A field whose type is a
 dataclass with a `name`, and that has a folder in `conf/`, is a group:
 `source=tum` takes `conf/source/tum.yaml`. Where members differ in their keys,

@@ -60,7 +60,7 @@ class DetectStageConfig:
     """who searches several:"""
     object: ObjectSettings | None
     """what was tossed; none: what the recording says, else the cube:"""
-    detect: DetectSettings
+    detect: DetectSettings = DetectSettings()
     """how tags are looked for:"""
 
 
@@ -77,7 +77,7 @@ class TrackStageConfig:
     null: outputs/stages/RECORDING/poses.npz"""
     object: ObjectSettings | None
     """what was tossed; none: what the recording says, else every moving body of tagslam.yaml:"""
-    track: TrackSettings
+    track: TrackSettings = TrackSettings()
     """when a pose is accepted:"""
 
 

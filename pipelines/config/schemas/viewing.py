@@ -49,9 +49,9 @@ class ViewConfig:
     """images searched at the same time; null: one a core"""
     object: ObjectSettings | None
     """what was tossed; none: what the recording says:"""
-    detect: DetectSettings
+    detect: DetectSettings = DetectSettings()
     """how tags are looked for:"""
-    track: TrackSettings
+    track: TrackSettings = TrackSettings()
     """when a pose is accepted:"""
 
 

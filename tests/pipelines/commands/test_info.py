@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pipelines.cli.console import Console
-from pipelines.commands.info import Asked, run, show
+from pipelines.commands.info import InfoRequest, run, show
 from tests.motion.bouncing import bounce, tracked
 from tossid.errors import FileError
 from tossid.motion import covariance_source, tosses_from_tracks
@@ -104,7 +104,7 @@ def two_sessions(tmp_path: Path, cube: ObjectModel) -> Path:
 
 def test_the_figure_shows_the_order_of_recording(two_sessions: Path) -> None:
     out = two_sessions.with_name("order.png")
-    found = run(Asked(two_sessions, out), QUIET)
+    found = run(InfoRequest(two_sessions, out), QUIET)
     assert found["figure"] == str(out)
     assert [(one["first"], one["last"], one["levelled"]) for one in found["sessions"]] == [
         ("0", "11", False),
@@ -128,5 +128,5 @@ def test_a_figure_that_cannot_be_drawn_is_refused(two_sessions: Path, cube: Obje
         ("unseen.h5", "a.png", "its order of recording was not looked at"),
     ):
         with pytest.raises(FileError, match=says):
-            run(Asked(folder / file, folder / out), QUIET)
+            run(InfoRequest(folder / file, folder / out), QUIET)
         assert not (folder / out).exists()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,10 @@ from pipelines.config.schemas import SynthesizeConfig
 from tests.pipelines.conftest import one_line
 from tossid.errors import ConfigError
 from tossid.objects import corner_positions, load_object
-from tossid.physics.effects import LIBRARY
+from tossid.physics.effects import Effect, NotExpressible, Strength, effects_for
+from tossid.settings.synthesis import LcpEngine, MujocoEngine, ReleaseSettings, SynthesizeSettings
 from tossid.store import file_sha256, read_dataset
-from tossid.synthesis.tosses import make_tosses, world_of
+from tossid.synthesis.tosses import make_tosses
 from tossid.types import Phase
 
 BARE = ["synthesize", "frames=false", "tosses=3", "seconds=0.6"]
@@ -99,80 +101,49 @@ def test_no_effects_are_the_plain_engine(project: Path, answer: Any) -> None:
         np.testing.assert_array_equal(one.q, two.q)
 
 
-IN_MUJOCO = {
-    "com_offset": "{x_m: 0.02}",
-    "inertia": "{scale_rel: 2}",
-    "geometry": "{size_rel: 1.05}",
-    "gravity": "{g_ms2: 8}",
-    "ground_tilt": "{x_rad: 0.1}",
-    "ground_height": "{z_m: 0.01}",
-    "linear_drag": "{c_nspm: 0.3}",
-    "quadratic_drag": "{c_ns2pm2: 0.3}",
-    "spin_drag": "{c_nms: 0.005}",
-    "wind": "{x_ms: 5, c_nspm: 0.1}",
-    "magnus": "{c_ns2pm: 0.05}",
-    "uniform_force": "{x_n: 0.5}",
-    "position_force": "{k_npm: 5, x_m: 1}",
-    "vortex": "{c_npm: 5}",
-    "turning_frame": "{rate_ps: 2}",
-    "friction": "{mu: 0.5}",
-    "torsional_friction": "{radius_m: 0.02}",
-    "rolling_resistance": "{radius_m: 0.02}",
-    "restitution": "{e: 0.5}",
-    "compliance": "{stiffness_npm: 2000, damping_nspm: 5}",
-    "length_scale": "{scale_rel: 1.1}",
-    "time_base": "{rate_rel: 1.1}",
-    "rotation_delay": "{delay_s: 0.01}",
-    "body_frame_offset": "{x_m: 0.01}",
-    "world_tilt": "{y_rad: 0.1}",
-}
-ONLY_LCP = {
-    "velocity_friction": "{static_mu: 0.5}",
-    "anisotropic_friction": "{y_mu: 0.5}",
-    "cohesion": "{c_n: 0.3}",
-    "adhesion": "{force_n: 1}",
-    "rounded_corners": "{radius_m: 0.005}",
-}
+QUICK = ("com_offset", "wind", "compliance", "torsional_friction", "joint_damping")
+"""Effects that are tried in MuJoCo, too, in the quick tests."""
 
 
-def test_every_effect_of_the_library_is_in_one_of_the_lists() -> None:
-    assert {effect.name for effect in LIBRARY} == set(IN_MUJOCO) | set(ONLY_LCP)
+def strong(effect: Effect) -> dict[str, float]:
+    """Values at which an effect shows."""
+    if not isinstance(effect.strength, Strength):  # too small for an audit
+        return {"delay_s": 0.01}
+    return effect.strength.values(effect.strength.high, np.full(8, 0.7))
 
 
-def way_apart(name: str, engine: str) -> float:
-    """How far [m or quaternion] an effect moves two tosses away from the plain engine's."""
-    model = load_object("cube")
-    keys = ["tosses=2", "seconds=0.7", "release.height=[0.05,0.1]", "release.spin=[6,8]", f"engine={engine}"]
-    keys.append("engine.substeps=" + ("4" if engine == "lcp" else "40"))
-    effects = f"effects={{{name}: {(IN_MUJOCO | ONLY_LCP)[name]}}}"
-    plain, moved = (
-        make_tosses(config, model, np.random.default_rng(1))[0]
-        for config in (config_of(*keys), config_of(*keys, effects))
+def tossed(effect: Effect, engine: str, effects: Mapping[str, Mapping[str, float]]) -> np.ndarray:
+    """Configurations of two tosses from near the ground, of the elbow for effects of joints."""
+    name, ours = "elbow" if effect.needs_joints else "cube", engine == "lcp"
+    release = ReleaseSettings(height=(0.05, 0.1), spin=(6.0, 8.0))
+    settings = SynthesizeSettings(
+        tosses=2,
+        seconds=0.7,
+        release=release,
+        effects=effects,
+        engine=LcpEngine(substeps=4) if ours else MujocoEngine(),
     )
-    n = min(len(plain[0]), len(moved[0]))
-    return float(np.abs(plain[0].q[:n] - moved[0].q[:n]).max())
-
-
-@pytest.mark.parametrize("name", [*IN_MUJOCO, *ONLY_LCP])
-def test_every_effect_moves_the_object(name: str) -> None:
-    assert way_apart(name, "lcp") > 1e-3
-
-
-QUICK = ("com_offset", "wind", "compliance", "torsional_friction")
+    made, _ = make_tosses(settings, load_object(name), np.random.default_rng(1))
+    return np.concatenate([toss.q[:40] for toss in made])
 
 
 @pytest.mark.parametrize(
-    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in IN_MUJOCO]
+    ("effect", "engine"),
+    [
+        pytest.param(effect, engine, marks=[pytest.mark.slow] * (engine == "mujoco" and effect.name not in QUICK))
+        for effect in effects_for(load_object("elbow"))
+        for engine in ("lcp", "mujoco")
+    ],
+    ids=lambda value: getattr(value, "name", value),
 )
-def test_every_effect_that_mujoco_has_moves_the_object(name: str) -> None:
-    assert way_apart(name, "mujoco") > 1e-3
-
-
-@pytest.mark.parametrize("name", ONLY_LCP)
-def test_an_effect_that_mujoco_has_not_is_refused(name: str) -> None:
-    config = config_of("engine=mujoco", f"effects={{{name}: {ONLY_LCP[name]}}}")
-    with pytest.raises(ConfigError, match=rf"effects\.{name}: engine=mujoco cannot express it; engine=lcp .*can"):
-        world_of(config, load_object("cube"))
+def test_every_effect_moves_the_object_or_is_refused(effect: Effect, engine: str) -> None:
+    values = {effect.name: strong(effect)}
+    if engine == "mujoco" and isinstance(effect.mujoco, NotExpressible):
+        with pytest.raises(ConfigError, match=rf"effects\.{effect.name}: engine=mujoco cannot express it; engine=lcp"):
+            tossed(effect, engine, values)
+    else:
+        moved, plain = tossed(effect, engine, values), tossed(effect, engine, {})
+        assert np.abs(moved - plain).max() > 1e-3
 
 
 @pytest.mark.parametrize(
@@ -193,29 +164,6 @@ def test_what_is_no_effect_is_refused(project: Path, capfd: pytest.CaptureFixtur
     assert app.run([*BARE, *keys, "out=o"]) == 2
     assert re.search(says, one_line(capfd.readouterr().err))
     assert not (project / "o").exists()
-
-
-JOINTED = {
-    "joint_damping": "{c_nms: 0.002}",
-    "joint_friction": "{torque_nm: 0.01}",
-    "joint_stiffness": "{k_nmprad: 0.05, rest_rad: 0.5}",
-    "joint_offset": "{angle_rad: 0.2}",
-    "linear_drag": "{c_nspm: 0.3}",
-    "restitution": "{e: 0.4}",
-}
-
-
-@pytest.mark.parametrize("engine", ["lcp", "mujoco"])
-@pytest.mark.parametrize("name", JOINTED)
-def test_an_effect_moves_an_object_with_joints(name: str, engine: str) -> None:
-    model = load_object("elbow")
-    keys = ("object=elbow", f"engine={engine}", "tosses=2", "seconds=0.3", "release.height=[0.05,0.1]")
-    runs = []
-    for effects in ("effects={}", f"effects={{{name}: {JOINTED[name]}}}"):
-        config = config_of(*keys, effects)
-        made, _ = make_tosses(config, model, np.random.default_rng(0))
-        runs.append(np.concatenate([toss.q[:40] for toss in made]))
-    assert np.abs(runs[1] - runs[0]).max() > 1e-3
 
 
 @pytest.mark.parametrize("engine", ["lcp", "mujoco"])

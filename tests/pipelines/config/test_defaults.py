@@ -1,103 +1,56 @@
-"""`conf/` shows the library's defaults: where a value differs, its line says why, in a comment "differs: ..."."""
+"""`conf/` holds what differs from the defaults of the library and of the schemas, and no default twice."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
-from dataclasses import MISSING, fields, is_dataclass
+from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
-from pipelines.config.compose import as_plain, load
-from pipelines.config.keys import Group, keys_of
+from pipelines.config.compose import flatten, load
+from pipelines.config.keys import Group, Key, keys_of
 from pipelines.config.places import CONF
 from pipelines.config.schemas import COMMANDS
 from tossid.errors import ConfigError
+from tossid.settings.kinds import to_plain
 
-REASON = "# differs:"
-PRESETS = ("model", "object")
-"""Groups whose members are presets of the library, held equal to `conf/` by tests of their own."""
+NAMED = ("object", "sweep")
+"""Groups whose files are whole: objects and studies as people write their own."""
 
 
-def calls() -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Every command with its default members, and with each other member of each group."""
+def files() -> Iterator[tuple[Path, str, dict[str, str | None]]]:
+    """Files of values with the command that reads each, and the members that are chosen for that."""
     for command, schema in COMMANDS.items():
-        yield command, ()
+        yield CONF / f"{command}.yaml", command, {}
         for group in keys_of(schema, {}):
-            if isinstance(group, Group):
+            if isinstance(group, Group) and group.name not in NAMED:
                 for member in group.members():
-                    yield command, (f"{group.name}={member}",)
+                    yield CONF / group.name / f"{member}.yaml", command, {group.name: member}
 
 
-def needed(command: str, schema: type, keys: tuple[str, ...]) -> Any:
-    """The config of a call, with stand-ins for values that only a user can give."""
-    for _ in range(9):
-        try:
-            return load(command, schema, keys)
-        except ConfigError as error:
-            if "is needed" not in str(error):
-                raise
-            asked = str(error)
-            given = "[1,1,1]" if "list of 3" in asked else "1" if "number" in asked else "given"
-            keys = (*keys, f"{error.key}={given}")
-    raise AssertionError(f"{command} {keys} asks for too much")
+@pytest.mark.parametrize(("path", "command", "chosen"), list(files()), ids=lambda value: getattr(value, "stem", None))
+def test_no_file_of_values_repeats_a_default(path: Path, command: str, chosen: dict[str, str | None]) -> None:
+    values: dict[str, Any] = yaml.safe_load(path.read_text())
+    prefix = "".join(f"{group}." for group in chosen)
+    defaults = {key.name: to_plain(key.default) for key in keys_of(COMMANDS[command], chosen) if isinstance(key, Key)}
+    given = {prefix + name: value for name, value in flatten(values).items() if name not in ("name", "defaults")}
+    assert given.keys() <= defaults.keys()
+    assert [name for name, value in given.items() if value == defaults[name]] == []
 
 
-def differing(part: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Fields with a default in the library whose value in `conf/` is another."""
-    for field in fields(part):
-        value, key = getattr(part, field.name), f"{name}.{field.name}".lstrip(".")
-        default = field.default
-        if field.default_factory is not MISSING:
-            default = field.default_factory()
-        if key in PRESETS:
-            continue
-        if is_dataclass(value) and not isinstance(value, type):
-            yield from differing(value, key)
-        elif default is not MISSING and value != default:
-            yield key, value, default
-
-
-def reasons() -> set[str]:
-    """The last parts of keys whose line in `conf/` says why it differs."""
-    found = set()
-    for path in CONF.rglob("*.yaml"):
-        for line in path.read_text().splitlines():
-            if REASON in line:
-                found.add(line.split(":")[0].strip())
-    return found
-
-
-@pytest.mark.parametrize(("command", "keys"), list(calls()), ids=lambda value: " ".join(value) or "-")
-def test_a_value_is_the_librarys_default_or_says_why_it_differs(command: str, keys: tuple[str, ...]) -> None:
-    asked = {key.split("=")[0].split(".")[-1] for key in keys}
-    config = needed(command, COMMANDS[command], keys)
-    wrong = {
-        key: f"{value!r}, in the library {default!r}"
-        for key, value, default in differing(config)
-        if key.split(".")[-1] not in reasons() | asked and value not in ("given", 1)
-    }
-    assert not wrong
-
-
-def test_a_value_that_differs_is_noticed() -> None:
-    config = load("evaluate", COMMANDS["evaluate"], [])
-
-    @dataclasses.dataclass(frozen=True)
-    class Part:
-        speed: float = 2.0
-
-    @dataclasses.dataclass(frozen=True)
-    class Whole:
-        part: Part
-        rate: int = 3
-
-    assert list(differing(Whole(Part(1.0), 3))) == [("part.speed", 1.0, 2.0)]
-    assert as_plain(config)  # what is compared is what a command gets
-
-
-def test_every_file_of_values_is_read() -> None:
-    for path in CONF.rglob("*.yaml"):
-        assert yaml.safe_load(path.read_text()) is not None, path
+@pytest.mark.parametrize("command", COMMANDS)
+def test_what_nothing_sets_has_its_default(command: str) -> None:
+    schema = COMMANDS[command]
+    try:
+        config = load(command, schema)
+    except ConfigError as error:  # a value that only the caller can know
+        assert "is needed" in str(error)
+        return
+    found = flatten(to_plain(config, advanced=False))
+    written = flatten(yaml.safe_load((CONF / f"{command}.yaml").read_text()))
+    for key in keys_of(schema, {}):
+        if isinstance(key, Key) and key.name not in written:
+            default = to_plain(key.default)
+            assert found[key.name] == default, key.name

@@ -1,15 +1,18 @@
-"""Version and commit of the code, in a clone and outside one."""
+"""Which code this is, and Ctrl-C that waits until what must not be left half done is done."""
 
 from __future__ import annotations
 
+import signal
 import subprocess
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
 from pipelines.execution import code_version
 from pipelines.execution.code_version import commit, version, version_line
+from pipelines.execution.interrupts import interrupted_later
 
 
 @pytest.fixture
@@ -50,3 +53,22 @@ def test_a_commit_and_whether_files_have_changed(root: Path) -> None:
 def test_a_damaged_repository_is_no_error(root: Path) -> None:
     (root / ".git").mkdir()
     assert commit() == ""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_waits_until_the_end_and_handlers_come_back(number: signal.Signals) -> None:
+    before, done = signal.getsignal(number), []
+    with pytest.raises(KeyboardInterrupt), interrupted_later():
+        signal.raise_signal(number)
+        done.append(1)
+    assert done == [1]
+    assert signal.getsignal(number) is before
+
+
+def test_a_thread_leaves_handlers_alone() -> None:
+    def within() -> object:
+        with interrupted_later():
+            return signal.getsignal(signal.SIGINT)
+
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(within).result() is signal.getsignal(signal.SIGINT)

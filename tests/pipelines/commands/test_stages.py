@@ -1,4 +1,4 @@
-"""`tossid detect` of many recordings."""
+"""`tossid detect`, `track` and `segment`: the stages of ingest, from files to files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ import pytest
 from pipelines.cli import app
 from pipelines.files.project import newest_recording
 from tests.pipelines.conftest import one_line
+from tossid.store import read_dataset
 from tossid.vision.recordings.npz import read_detections
+from tossid.vision.setup.calibration import read_cameras
 
 EACH = 20
 """Frames of each camera."""
@@ -62,3 +64,41 @@ def test_patterns_of_recordings_that_are_refused(
         (project / folder / "a").mkdir(parents=True)
     assert app.run(["detect", *keys]) == 2
     assert says in one_line(capfd.readouterr().err)
+
+
+def test_a_tagslam_set_up_is_tracked_as_it_is(project: Path, shared_data: Path, answer: Any) -> None:
+    """From TagSLAM's folder: poses of its wand, and the calibration that the graph found, in TagSLAM's own form."""
+    found = answer("track", f"recording={shared_data / 'tagslam_test' / 'test_4'}", "out=wand.npz")
+    assert found["bodies"] == {"wand": 101}
+    assert found["n_poses"] == found["n_steps"] == 101
+    assert found["dropped_tags"]["id on no body"] == 21757
+    assert set(found["cameras"]) == {f"cam{i}" for i in range(8)}
+    assert found["problems"] == []
+    assert len((project / "wand.txt").read_text().splitlines()) == 102
+    cameras = read_cameras(project / "wand_set_up")
+    assert len(cameras) == 8
+    assert all(camera.T_rig_cam_cov is not None for camera in cameras)
+
+
+@pytest.mark.slow
+def test_clocks_that_agree_change_nothing(project: Path, shared_data: Path, answer: Any) -> None:
+    """TagSLAM's eight cameras share a clock: estimated or not, the errors are the same."""
+    keys = ["track", f"recording={shared_data / 'tagslam_test' / 'test_4'}"]
+    found, without = answer(*keys, "out=wand.npz"), answer(*keys, "out=again.npz", "track.clocks=false")
+    assert without["rms"] == found["rms"]
+
+
+def test_the_three_stages_give_what_ingest_gives(film: Path, monkeypatch: pytest.MonkeyPatch, answer: Any) -> None:
+    monkeypatch.chdir(film)
+    whole = answer("ingest", "out=whole.h5")
+    detected = answer("detect")
+    tracked = answer("track")
+    parts = answer("segment", "out=parts.h5")
+    assert parts["n_frames"] == whole["n_frames"]
+    for one, other in zip(read_dataset(Path("whole.h5")).tosses, read_dataset(Path("parts.h5")).tosses, strict=True):
+        np.testing.assert_array_equal(one.q, other.q)
+        np.testing.assert_array_equal(one.v_cov, other.v_cov)
+    assert answer("info", detected["out"])["n_detections"] == detected["n_detections"]
+    assert answer("info", tracked["out"])["n_frames"] == tracked["n_poses"]
+    assert answer("info", tracked["tum"])["n_frames"] == tracked["n_poses"]
+    assert answer("info", str(newest_recording()))["object"] == "cube"
