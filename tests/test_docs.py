@@ -8,6 +8,7 @@ import runpy
 import shlex
 import subprocess
 import sys
+import textwrap
 from itertools import pairwise
 from pathlib import Path
 
@@ -61,10 +62,10 @@ that begins, and what the part before is tested by in its place."""
 # ---------------------------------------------------------------- scripts
 
 
-def runs(script: str, folder: Path) -> None:
-    """Run a script in a process of its own; warnings are errors."""
+def runs(script: str, folder: Path, *, warnings: str = "error") -> None:
+    """Run a script in a process of its own."""
     env = os.environ | {"PYTHONPATH": str(CLONE)}
-    command = [sys.executable, "-W", "error", "-c", script]
+    command = [sys.executable, "-W", warnings, "-c", script]
     done = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
 
@@ -86,6 +87,15 @@ def test_what_a_script_registers_does_what_it_is_to_do(section: str, tmp_path: P
     declared, found, _ = SCRIPTS[section].partition(begins)
     assert found
     runs(declared + check, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["README.md", "docs/start/demo.md"])
+def test_the_five_lines_run_on_the_sample(page: str, tmp_path: Path) -> None:
+    (tmp_path / "data").symlink_to(CLONE / "data")
+    (script,) = re.findall(r"^    import tossid\n(?:    .*\n|\n(?=    ))+", (CLONE / page).read_text(), re.MULTILINE)
+    runs(textwrap.dedent(script), tmp_path, warnings="default")
+    assert (tmp_path / "gap" / "gap.html").is_file()
 
 
 # ---------------------------------------------------------------- commands
