@@ -9,6 +9,7 @@ import shlex
 import subprocess
 import sys
 import textwrap
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 
@@ -124,6 +125,15 @@ def test_a_command_of_the_pages_has_such_keys(line: str, tmp_path: Path, monkeyp
     keys = [MADE.get(word, word) for word in words if "=" in word]
     keys += [f"sweep={name}" for option, name in pairwise(words) if option == "--sweep" and name != "NAME"]
     load(command, COMMANDS[command], keys)
+
+
+def test_modules_and_targets_that_the_pages_name_exist() -> None:
+    text = "\n".join(page.read_text() for page in PAGES)
+    for module in set(re.findall(r"python -m ((?:experiments|benchmarks|tests|pipelines)[\w.]*)", text)):
+        assert find_spec(module) is not None, module
+    targets = set(re.findall(r"^([a-z-]+):", (CLONE / "Makefile").read_text(), re.MULTILINE))
+    shown = re.findall(r"^    make (?:[A-Z_]+=(?:\"[^\"]*\"|\S+) )*([a-z-]+)", text, re.MULTILINE)
+    assert set(shown) <= targets
 
 
 # ---------------------------------------------------------------- links and the site
