@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.store.folders import save
-from tests.store.makers import contactnets_rows, make_dataset, pll_rows
+from tests.store.makers import contactnets_rows, make_dataset, pll_rows, save
 from tossid.objects import ObjectModel
 from tossid.store import Dataset, write_dataset
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
+import torch
 
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_exp
@@ -65,3 +68,14 @@ def contactnets_rows(n: int, rng: np.random.Generator) -> np.ndarray:
 def pll_rows(n: int, rng: np.random.Generator, n_joints: int = 1) -> np.ndarray:
     _, q, v = spinning(n, rng, n_joints=n_joints)
     return np.concatenate([q[:, 3:7], q[:, :3], q[:, 7:], v[:, 3:6], v[:, :3], v[:, 6:]], axis=1)
+
+
+def save(path: Path, rows: np.ndarray) -> None:
+    torch.save(torch.from_numpy(rows.copy()), path)
+
+
+def scaled(folder: Path, columns: slice, factor: float) -> None:
+    for path in folder.glob("*.pt"):
+        rows = torch.load(path, weights_only=True).numpy()
+        rows[..., columns] *= factor
+        save(path, rows)

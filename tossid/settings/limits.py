@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from tossid.settings.kinds import Bounds, Count, Fraction, Positive
+from tossid.settings.kinds import Bounds, Count, Positive
 
 LARGEST_GRAVITY = 1e3
 """[m/s²], a hundred times the earth's."""
@@ -60,33 +60,11 @@ class ReadLimits:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImportLimits:
-    """Values of imported tosses beyond which their units are taken to be wrong."""
-
-    position: Positive = 20.0
-    """largest distance from the origin along an axis [m]: tosses are room-sized"""
-    speed: Positive = 50.0
-    """largest speed [m/s]"""
-    spin: Positive = 200.0
-    """largest angular velocity about an axis, and joint rate [rad/s]"""
-    step: tuple[Positive, Positive] = (1e-5, 0.2)
-    """least and largest time between frames, in the median [s]: a toss takes some tenths of a second"""
-    lost: Fraction = 0.2
-    """largest share of a file's rows that may hold no pose, because the tracker had lost the object"""
-    mismatch: Positive = 0.5
-    """largest relative difference, in the median, between recorded velocities and the differences of the poses"""
-    moving_speed: Positive = 0.1
-    """speed [m/s] below which a frame says nothing about units"""
-    moving_spin: Positive = 1.0
-    """angular velocity [rad/s] below which a frame says nothing about units"""
-
-
-@dataclass(frozen=True, kw_only=True)
 class ValueLimits:
     """Values of motions and objects beyond which nothing is computed: no measurement, and no toss, is meant by them.
 
-    They hold wherever a motion or an object is made, read or given. Those of `ImportLimits` are narrower, and say that
-    units are wrong.
+    They hold wherever a motion or an object is made, read or given. Those of importers are narrower, and say that units
+    are wrong.
     """
 
     time: Positive = 1e12

@@ -12,6 +12,7 @@ from tossid.first_use import imported_at_first_use
 
 if TYPE_CHECKING:
     from tossid.store.dataset import Dataset as Dataset
+    from tossid.store.dataset import write_dataset as write_dataset
     from tossid.store.hashing import file_sha256 as file_sha256
     from tossid.store.hashing import source_sha256 as source_sha256
     from tossid.store.importers.contactnets import read_contactnets as read_contactnets
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from tossid.store.splits import draw_splits as draw_splits
     from tossid.store.splits import drawn_splits as drawn_splits
     from tossid.store.writing import dataset_writer as dataset_writer
-    from tossid.store.writing import write_dataset as write_dataset
 
 _HOMES = {
     "Dataset": "tossid.store.dataset",
@@ -44,7 +44,7 @@ _HOMES = {
     "draw_splits": "tossid.store.splits",
     "drawn_splits": "tossid.store.splits",
     "dataset_writer": "tossid.store.writing",
-    "write_dataset": "tossid.store.writing",
+    "write_dataset": "tossid.store.dataset",
 }
 """The public names, and the module that defines each."""
 

@@ -13,6 +13,7 @@ import numpy as np
 from tossid.errors import InputError, nearest
 from tossid.html import html_table
 from tossid.objects import ObjectModel
+from tossid.store.writing import dataset_writer
 from tossid.types import SPLITS, OnDemand, RecordingOrder, Toss
 
 _DRAWN = 12
@@ -74,8 +75,6 @@ class Dataset:
 
     def save(self, path: str | Path) -> None:
         """Write it as one HDF5 file, see `tossid.write_dataset`."""
-        from tossid.store.writing import write_dataset
-
         write_dataset(self, path)
 
     def _at(self, where: Sequence[int]) -> Dataset:
@@ -101,6 +100,30 @@ class Dataset:
             "source": self.source + (", with truth" if self.truth is not None else ""),
         }
         return html_table([], list(facts.items())) + _heights(self.tosses[:_DRAWN])
+
+
+def write_dataset(dataset: Dataset, path: str | Path) -> None:
+    """Write a dataset as one HDF5 file (schema: `tossid.store.schema`).
+
+    The file appears whole or not at all: what was there before stays until the new one is complete on the disk. Equal
+    datasets give equal bytes.
+
+    Args:
+        dataset: What is written, but for its `truth`. Its provenance says under `covariance_source` where the
+            covariances come from.
+        path: The file (.h5).
+
+    Raises:
+        InputError: The dataset breaks the schema (names, joints, provenance).
+        ObjectError: The object cannot be described in MJCF.
+        OutputError: The disk is full, or the file cannot be written there.
+    """
+    with dataset_writer(dataset.object, Path(path)) as writer:
+        for toss in dataset.tosses:
+            writer.add(toss)
+        writer.finish(
+            rate_hz=dataset.rate_hz, source=dataset.source, provenance=dataset.provenance, order=dataset.order
+        )
 
 
 def _heights(tosses: Sequence[Toss]) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 from tossid.errors import FileError
@@ -32,34 +31,21 @@ def file_sha256(path: Path | str) -> str:
 def source_sha256(path: Path | str) -> str:
     """SHA-256 of a source: of the file, or of a folder's relative names and file hashes, in sorted order.
 
-    Moving or touching a folder leaves its hash; changing, adding, removing or
-    renaming a file in it changes the hash.
+    Moving or touching a folder leaves its hash; changing, adding, removing or renaming a file in it changes the hash.
+
+    Raises:
+        FileError: There is no such file or folder, or a file cannot be read.
     """
     path = Path(path)
     if not path.exists():
         raise FileError(path, "no such file or folder")
     if not path.is_dir():
         return file_sha256(path)
+    found = [Path(folder, name) for folder, _, names in os.walk(path) for name in names]
     digest = hashlib.sha256()
-    for name in _names(path, ""):
+    for name in sorted(file.relative_to(path).as_posix() for file in found if file.is_file()):
         digest.update(f"{file_sha256(path / name)}  {name}\n".encode())
     return digest.hexdigest()
-
-
-def _names(folder: Path, prefix: str) -> Iterator[str]:
-    """Files in a folder and below, by their relative names in sorted order; one folder's names at a time."""
-    with os.scandir(folder) as entries:
-        # with its slash, a folder sorts as the names in it do
-        found = sorted(
-            entry.name + "/" if folds else entry.name
-            for entry in entries
-            if (folds := entry.is_dir(follow_symlinks=False)) or entry.is_file()
-        )
-    for name in found:
-        if name.endswith("/"):
-            yield from _names(folder / name, prefix + name)
-        else:
-            yield prefix + name
 
 
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,96 +19,61 @@ def text_of_model(model: ObjectModel) -> str:
     """MJCF text that gives the object back: its own where that is current and self-contained, else `to_mjcf`'s.
 
     Raises:
-        ObjectError: neither describes the object's arrays.
+        ObjectError: Neither describes the object's arrays.
     """
-    for text in (model.mjcf, None):
-        if text is None:
-            text = to_mjcf(model, ground=False)
-        if not text or not stands_alone(text):
-            continue
-        try:
-            again = object_from_mjcf(text, friction=model.friction, width=model.width)
-        except ObjectError:
-            continue
-        if _same(model, again):
-            return text
+    if _gives(model.mjcf, model):
+        return model.mjcf
+    text = to_mjcf(model, ground=False)
+    if _gives(text, model):
+        return text
     raise ObjectError(f"object '{model.name}' cannot be kept in a dataset: its MJCF does not give its bodies back")
 
 
-def model_of_text(
-    text: str,
-    *,
-    name: str,
-    friction: float,
-    restitution: float,
-    compliance: float,
-    relaxation: float,
-    cohesion: float,
-    width: float,
-    tags: NDArray[np.void] | None,
-) -> ObjectModel:
+def model_of_text(text: str, *, tags: NDArray[np.void] | None, **stated: Any) -> ObjectModel:
     """The object that `text_of_model` wrote.
 
     Args:
         text: MJCF that names no other files.
-        name: The object's name.
-        friction: Coulomb's coefficient of object and ground.
-        restitution: Newton's coefficient.
-        compliance: How far a corner sinks for each newton on it [m/N].
-        relaxation: Damping over stiffness of a corner [s].
-        cohesion: Friction of a loaded corner beyond `friction` times its load [N].
-        width: Reference length [m].
         tags: Rows of `tossid.store.schema.TAG_DTYPE`, or None.
+        **stated: What the text cannot say, see `tossid.objects.mjcf.Stated`.
 
     Raises:
         ObjectError: MuJoCo cannot read the text, the text names other files, or a value cannot be.
     """
     check_alone(text)
-    if friction < 0 or restitution < 0 or width <= 0:
-        raise ObjectError(f"friction {friction}, restitution {restitution} or width {width} m cannot be")
-    found: tuple[Tag, ...] = ()
-    if tags is not None:
-        found = tuple(
-            Tag(id=int(row["id"]), size=float(row["size_m"]), body=int(row["body"]), T_body_tag=row["T_body_tag"] + 0)
-            for row in tags
-        )
-    model = object_from_mjcf(
-        text,
-        name=name,
-        friction=friction,
-        restitution=restitution,
-        compliance=compliance,
-        relaxation=relaxation,
-        cohesion=cohesion,
-        width=width,
-        tags=found,
-    )
+    rows = () if tags is None else tags
+    found = tuple(Tag(int(r["id"]), float(r["size_m"]), int(r["body"]), np.array(r["T_body_tag"])) for r in rows)
+    model = object_from_mjcf(text, tags=found, **stated)
     for tag in found:
         if not 0 <= tag.body < model.n_bodies or not np.isfinite(tag.T_body_tag).all() or not tag.size > 0:
             raise ObjectError(f"tag {tag.id} has no such body, pose or size")
     return model
 
 
-def _same(a: ObjectModel, b: ObjectModel) -> bool:
-    """Whether two objects have the same bodies, joints, inertia and corners (in any order)."""
-    if a.n_bodies != b.n_bodies or a.n_corners != b.n_corners:
+def _gives(text: str, model: ObjectModel) -> bool:
+    """Whether a text alone gives an object back: its bodies, joints, inertia and corners (in any order)."""
+    if not text or not stands_alone(text):
         return False
-    if not (np.array_equal(a.parent, b.parent) and np.array_equal(a.joint_type, b.joint_type)):
+    try:
+        again = object_from_mjcf(text, friction=model.friction, width=model.width)
+    except ObjectError:
         return False
-    pairs = [(a.mass, b.mass), (a.inertia, b.inertia)]
-    # the base's own place and the axes of joints that are none say nothing
-    pairs += [(x[1:], y[1:]) for x, y in ((a.body_pos, b.body_pos), (a.body_quat, b.body_quat))]
-    pairs += [(x[1:], y[1:]) for x, y in ((a.joint_pos, b.joint_pos), (a.joint_axis, b.joint_axis))]
-    scale = a.width
-    close = all(np.allclose(x, y, rtol=_TOLERANCE, atol=_TOLERANCE * np.abs(x).max(initial=1e-12)) for x, y in pairs)
-    close = close and np.allclose(a.com, b.com, rtol=_TOLERANCE, atol=_TOLERANCE * scale)
-    for body in range(a.n_bodies):
-        here, there = a.corner_pos[a.corner_body == body], b.corner_pos[b.corner_body == body]
-        if len(here) != len(there):
+    if not (np.array_equal(model.parent, again.parent) and np.array_equal(model.joint_type, again.joint_type)):
+        return False
+    # (the base's own place and the axis of its joint, which is none, say nothing)
+    first = {"mass": 0, "inertia": 0, "body_pos": 1, "body_quat": 1, "joint_pos": 1, "joint_axis": 1}
+    for name, at in first.items():
+        mine, theirs = getattr(model, name)[at:], getattr(again, name)[at:]
+        if not np.allclose(mine, theirs, rtol=_TOLERANCE, atol=_TOLERANCE * np.abs(mine).max(initial=1e-12)):
             return False
-        if len(here):
-            gaps = np.linalg.norm(here[:, None] - there[None], axis=-1)
-            close = (
-                close and gaps.min(axis=1).max() < _TOLERANCE * scale and gaps.min(axis=0).max() < _TOLERANCE * scale
-            )
-    return bool(close)
+    if not np.allclose(model.com, again.com, rtol=_TOLERANCE, atol=_TOLERANCE * model.width):
+        return False
+    return all(_same_points(model, again, body) for body in range(model.n_bodies))
+
+
+def _same_points(model: ObjectModel, again: ObjectModel, body: int) -> bool:
+    mine, theirs = (each.corner_pos[each.corner_body == body] for each in (model, again))
+    if not len(mine) or len(mine) != len(theirs):
+        return len(mine) == len(theirs)
+    gaps = np.linalg.norm(mine[:, None] - theirs[None], axis=-1)
+    return bool(max(gaps.min(axis=1).max(), gaps.min(axis=0).max()) < _TOLERANCE * model.width)

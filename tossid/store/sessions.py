@@ -4,19 +4,27 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
-from pathlib import Path
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import h5py
 import numpy as np
 
-from tossid.errors import FileError, InputError
-from tossid.store.schema import MAX_ATTRIBUTE_TEXT, attribute
+from tossid.errors import ConfigError, FileError, InputError
+from tossid.settings.kinds import convert, to_plain
+from tossid.store.hdf5 import CheckedGroup
+from tossid.store.schema import MAX_ATTRIBUTE_TEXT
 from tossid.types import RecordingOrder, Session
 
-_WHOLE = "sessions"
-_OF_TOSS = ("session", "recorded_as", "witnesses", "place_m", "turn", "shift_m")
+
+@dataclass(frozen=True)
+class _Recording:
+    """What of the order of recording is no toss's own: the file's attribute `sessions`, as JSON."""
+
+    ordered_by: str
+    quantities: tuple[str, ...]
+    notes: tuple[str, ...]
+    sessions: tuple[Session, ...]
 
 
 def write_order(file: h5py.File, tosses: h5py.Group, order: RecordingOrder) -> None:
@@ -30,16 +38,11 @@ def write_order(file: h5py.File, tosses: h5py.Group, order: RecordingOrder) -> N
     Raises:
         InputError: The sessions are too many to be described in a file.
     """
-    whole = {
-        "ordered_by": order.ordered_by,
-        "quantities": list(order.quantities),
-        "notes": list(order.notes),
-        "sessions": [asdict(session) for session in order.sessions],
-    }
-    text = json.dumps(whole, sort_keys=True)
+    recording = _Recording(order.ordered_by, order.quantities, order.notes, order.sessions)
+    text = json.dumps(to_plain(recording), sort_keys=True)
     if len(text) > MAX_ATTRIBUTE_TEXT:
         raise InputError(f"{len(order.sessions)} sessions do not fit into an attribute of the file")
-    file.attrs[_WHOLE] = text
+    file.attrs["sessions"] = text
     for place, name in enumerate(order.names):
         if name not in tosses:
             continue
@@ -49,49 +52,56 @@ def write_order(file: h5py.File, tosses: h5py.Group, order: RecordingOrder) -> N
         into["turn"], into["shift_m"] = order.turn[place], float(order.shift[place])
 
 
-def read_order(path: Path, file: h5py.File, tosses: h5py.Group, names: Sequence[str]) -> RecordingOrder | None:
+def read_order(file: CheckedGroup, names: Sequence[str]) -> RecordingOrder | None:
     """The order of recording of a file's tosses, None where it was not looked at.
 
     Args:
-        path: The file, for errors.
         file: The dataset.
-        tosses: Its group of tosses.
         names: Of the tosses that are asked for.
 
     Raises:
         FileError: It is not as `write_order` writes it.
     """
-    if _WHOLE not in file.attrs:
+    recording = _read_recording(file)
+    if recording is None:
         return None
-    sessions, whole = _read_whole(path, attribute(path, file, _WHOLE, str))
-    k = len(whole["quantities"])
-    rows = [(_row(path, tosses[name], k), name) for name in names if "session" in tosses[name].attrs]
-    rows.sort(key=lambda row: row[0]["recorded_as"])
-    if any(not 0 <= row["session"] < len(sessions) for row, _ in rows):
-        raise FileError(path, f"a toss names a session that is none of the {len(sessions)}")
+    tosses = file.group("tosses")
+    rows = []
+    for name in names:
+        toss = tosses.group(name)
+        if "session" not in toss.attributes:
+            continue
+        turn = toss.numbers("turn", (4,))
+        if abs(float(np.linalg.norm(turn)) - 1) > 1e-6:
+            raise FileError(file.path, f"attribute 'turn' of {toss.name} is no unit quaternion")
+        session, place = (int(toss.numbers(key, ())) for key in ("session", "recorded_as"))
+        if not 0 <= session < len(recording.sessions):
+            raise FileError(file.path, f"a toss names a session that is none of the {len(recording.sessions)}")
+        witnesses = toss.numbers("witnesses", (len(recording.quantities),), finite=False)
+        rows.append((place, name, session, witnesses, toss.numbers("place_m", (2,)), turn, toss.numbers("shift_m", ())))
+    rows.sort(key=lambda row: row[0])
 
-    def column(name: str, *shape: int) -> Any:
-        return np.array([row[name] for row, _ in rows], dtype=float).reshape(len(rows), *shape)
+    def column(which: int, *shape: int) -> np.ndarray:
+        return np.array([row[which] for row in rows], dtype=float).reshape(len(rows), *shape)
 
     return RecordingOrder(
-        sessions,
-        whole["ordered_by"],
-        tuple(name for _, name in rows),
-        tuple(whole["quantities"]),
-        column("witnesses", k),
-        column("place_m", 2),
-        column("turn", 4),
-        column("shift_m"),
-        np.array([row["session"] for row, _ in rows], dtype=np.int64),
-        tuple(whole["notes"]),
+        sessions=recording.sessions,
+        ordered_by=recording.ordered_by,
+        names=tuple(row[1] for row in rows),
+        quantities=recording.quantities,
+        values=column(3, len(recording.quantities)),
+        places=column(4, 2),
+        turn=column(5, 4),
+        shift=column(6),
+        session_of=np.array([row[2] for row in rows], dtype=np.int64),
+        notes=recording.notes,
     )
 
 
-def sessions_info(path: Path, file: h5py.File, names: Sequence[str]) -> list[dict[str, Any]]:
+def sessions_info(file: CheckedGroup, names: Sequence[str]) -> list[dict[str, Any]]:
     """The sessions of a file as `tossid info` says them: one where no change was found or looked for.
 
     Args:
-        path: The file, for errors.
         file: The dataset.
         names: Of its tosses, in their order.
 
@@ -99,18 +109,13 @@ def sessions_info(path: Path, file: h5py.File, names: Sequence[str]) -> list[dic
         A dictionary a session: first, last, n_tosses, level_deg (None where the tosses do not decide it), and where
         the order was looked at level_sigma_deg, levelled, changed, note.
     """
-    if _WHOLE not in file.attrs:
+    recording = _read_recording(file)
+    if recording is None:
         return [{"first": names[0], "last": names[-1], "n_tosses": len(names), "level_deg": None}]
-    sessions, _ = _read_whole(path, attribute(path, file, _WHOLE, str))
-    return [session_facts(session) for session in sessions]
+    return [_in_degrees(session) for session in recording.sessions]
 
 
-def session_facts(session: Session) -> dict[str, Any]:
-    """A session by names and in degrees, as `tossid info` and reports have it.
-
-    Args:
-        session: Of a dataset.
-    """
+def _in_degrees(session: Session) -> dict[str, Any]:
     facts = asdict(session)
     for name in ("level", "level_sigma"):
         value = facts.pop(name)
@@ -118,49 +123,14 @@ def session_facts(session: Session) -> dict[str, Any]:
     return facts
 
 
-def _read_whole(path: Path, text: str) -> tuple[tuple[Session, ...], dict[str, Any]]:
+def _read_recording(file: CheckedGroup) -> _Recording | None:
+    if "sessions" not in file.attributes:
+        return None
     try:
-        whole = json.loads(text)
-        sessions = tuple(_session(values) for values in whole["sessions"])
-        lists = [whole["quantities"], whole["notes"]]
-        if not sessions or any(not isinstance(word, str) for words in lists for word in [*words, whole["ordered_by"]]):
-            raise ValueError("no sessions, or words that are none")
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise FileError(path, f"attribute 'sessions' does not describe the order of recording ({error})") from error
-    return sessions, whole
-
-
-def _session(values: dict[str, Any]) -> Session:
-    def pair(name: str) -> tuple[float, float] | None:
-        if values[name] is None:
-            return None
-        x, y = (float(value) for value in values[name])
-        if not np.isfinite([x, y]).all():
-            raise ValueError(f"{name} is not finite")
-        return x, y
-
-    return Session(
-        str(values["first"]),
-        str(values["last"]),
-        int(values["n_tosses"]),
-        pair("level"),
-        pair("level_sigma"),
-        bool(values["levelled"]),
-        {str(name): float(p) for name, p in values["changed"].items()},
-        str(values["note"]),
-    )
-
-
-def _row(path: Path, toss: h5py.Group, k: int) -> dict[str, Any]:
-    """The attributes of one toss; turns are unit quaternions, and what was turned can be turned back."""
-    row = {name: toss.attrs.get(name) for name in _OF_TOSS}
-    sizes = {"session": (), "recorded_as": (), "witnesses": (k,), "place_m": (2,), "turn": (4,), "shift_m": ()}
-    for name, shape in sizes.items():
-        value = row[name]
-        if value is None or np.shape(value) != shape or np.asarray(value).dtype.kind not in "if":
-            raise FileError(path, f"attribute {name!r} of {toss.name} is {value!r}, expected numbers of shape {shape}")
-        if name != "witnesses" and not np.isfinite(value).all():
-            raise FileError(path, f"attribute {name!r} of {toss.name} is not finite")
-    if abs(float(np.linalg.norm(row["turn"])) - 1) > 1e-6:
-        raise FileError(path, f"attribute 'turn' of {toss.name} is no unit quaternion")
-    return row
+        found: _Recording = convert(_Recording, json.loads(file.attribute("sessions", str)), key="sessions")
+    except (ConfigError, ValueError, RecursionError) as error:
+        problem = f"does not describe the order of recording ({error})"
+        raise FileError(file.path, f"attribute 'sessions' {problem}") from error
+    if not found.sessions:
+        raise FileError(file.path, "attribute 'sessions' does not describe the order of recording (no sessions)")
+    return found

@@ -1,4 +1,4 @@
-"""Datasets to HDF5: written whole or not at all, and checked."""
+"""Tosses of one object to HDF5: written whole or not at all, and checked."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tossid.errors import InputError
 from tossid.objects import ObjectModel
 from tossid.objects.unstated import hinge_of
 from tossid.outputs import output_stream
-from tossid.store.dataset import Dataset
+from tossid.store.hdf5 import frugal, plain
 from tossid.store.object_text import text_of_model
 from tossid.store.schema import (
     CONTACT_LAW,
@@ -24,46 +24,19 @@ from tossid.store.schema import (
     MEMBERS,
     SCHEMA,
     TAG_DTYPE,
-    frugal,
-    plain,
 )
 from tossid.store.sessions import write_order
 from tossid.types import Phase, RecordingOrder, Toss
 
 T = TypeVar("T")
 
-_UNKNOWN_SOURCE = "not stated"
-
-
-def write_dataset(dataset: Dataset, path: str | Path) -> None:
-    """Write a dataset as one HDF5 file (schema: `tossid.store.schema`).
-
-    The file appears whole or not at all: what was there before stays until the new one is complete on the disk. Equal
-    datasets give equal bytes.
-
-    Args:
-        dataset: What is written, but for its `truth`. Its provenance says under `covariance_source` where the
-            covariances come from.
-        path: The file (.h5).
-
-    Raises:
-        InputError: The dataset breaks the schema (names, joints, provenance).
-        ObjectError: The object cannot be described in MJCF.
-        OutputError: The disk is full, or the file cannot be written there.
-    """
-    with dataset_writer(dataset.object, Path(path)) as writer:
-        for toss in dataset.tosses:
-            writer.add(toss)
-        writer.finish(
-            rate_hz=dataset.rate_hz, source=dataset.source, provenance=dataset.provenance, order=dataset.order
-        )
-
 
 @contextmanager
 def dataset_writer(model: ObjectModel, path: Path) -> Iterator[DatasetWriter]:
-    """`write_dataset` of tosses that come one by one, and never need to be in memory together.
+    """Write tosses that come one by one, and never need to be in memory together, as one HDF5 file.
 
-    The file appears when the block ends, after `DatasetWriter.finish`.
+    The file appears whole, when the block ends, after `DatasetWriter.finish`, or not at all: what was there before
+    stays until the new one is complete on the disk. Equal tosses give equal bytes.
 
     Args:
         model: The dataset's object.
@@ -73,9 +46,9 @@ def dataset_writer(model: ObjectModel, path: Path) -> Iterator[DatasetWriter]:
         What takes the tosses.
 
     Raises:
-        InputError: As `write_dataset`.
-        ObjectError: As `write_dataset`.
-        OutputError: As `write_dataset`.
+        InputError: The tosses break the schema (names, joints, provenance).
+        ObjectError: The object cannot be described in MJCF.
+        OutputError: The disk is full, or the file cannot be written there.
         RuntimeError: The block ended without `finish`; there is no file then.
     """
     if not isinstance(model, ObjectModel):
@@ -156,13 +129,17 @@ class DatasetWriter:
         file = self._file
         if order is not None:
             write_order(file, self._tosses, order)
-        file.attrs["schema"] = SCHEMA
-        file.attrs["source"] = source
-        file.attrs["rate_hz"] = float(rate_hz)
-        file.attrs["frames"] = FRAMES
-        file.attrs["covariance_source"] = str(provenance.get("covariance_source", _UNKNOWN_SOURCE))
-        file.attrs["n_tosses"] = len(self._splits)
-        file.attrs["n_frames"] = self._n_frames
+        attributes = {
+            "schema": SCHEMA,
+            "source": source,
+            "rate_hz": float(rate_hz),
+            "frames": FRAMES,
+            "covariance_source": str(provenance.get("covariance_source", "not stated")),
+            "n_tosses": len(self._splits),
+            "n_frames": self._n_frames,
+        }
+        for key, value in attributes.items():  # (in this order: equal datasets give equal bytes)
+            file.attrs[key] = value
         group = file.create_group("provenance")
         for key, value in sorted(provenance.items()):
             group.attrs[key] = plain(value)

@@ -19,7 +19,7 @@ from tossid.motion.sessions.levelling import IDENTITY, turned_track
 from tossid.motion.sessions.lost_frames import LostFrames, find_lost_frames, lost_words
 from tossid.objects import GRAVITY, ObjectModel, unstated_object
 from tossid.settings.ingestion import IngestSettings
-from tossid.store.import_checks import KEPT
+from tossid.store.importers.checks import KEPT
 from tossid.store.importers.registry import FORMATS, Imported, InputFormat
 from tossid.types import OnDemand, PoseTrack
 from tossid.vision.progress import Reporter

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from tossid.errors import FileError, InputError
-from tossid.settings.kinds import Positive, advanced_part
-from tossid.settings.limits import ImportLimits
+from tossid.settings.kinds import Positive
 from tossid.store.importers.registry import Imported, register_importer
 
 if TYPE_CHECKING:
@@ -42,20 +41,15 @@ class ContactNetsSource:
     """half of the cube's width, the file's unit of length [m]"""
     rate_hz: Positive = RATE
     """frames a second"""
-    limits: ImportLimits = advanced_part(ImportLimits)
-    """values beyond which units are taken to be wrong"""
 
 
-def read_contactnets(
-    folder: Path, *, half_width: float = HALF_WIDTH, rate_hz: float = RATE, limits: ImportLimits = ImportLimits()
-) -> Sequence[PoseTrack]:
+def read_contactnets(folder: Path, *, half_width: float = HALF_WIDTH, rate_hz: float = RATE) -> Sequence[PoseTrack]:
     """The tracks in a folder of `N.pt`, each a tensor (1, n, 19) or (n, 19), with lengths in half widths of the cube.
 
     Args:
         folder: Where the files lie.
         half_width: Half of the cube's width [m]; it scales positions and velocities.
         rate_hz: Frames a second.
-        limits: Values beyond which units are taken to be wrong.
 
     Returns:
         Tracks with recorded velocities, 2 before 10: position [m] and linear velocity [m/s] in the world frame,
@@ -67,7 +61,7 @@ def read_contactnets(
     """
     import numpy as np
 
-    from tossid.store.import_checks import read_tensor, tensor_tracks
+    from tossid.store.importers.tensors import read_tensor, tensor_tracks
 
     if not (np.isfinite(half_width) and half_width > 0):
         raise InputError(f"the half width is {half_width} m, expected a positive number")
@@ -78,7 +72,7 @@ def read_contactnets(
         v = np.concatenate([half_width * rows[:, 7:10], rows[:, 10:13]], axis=1)
         return q, v
 
-    tracks = tensor_tracks(folder, read, rate_hz=rate_hz, limits=limits)
+    tracks = tensor_tracks(folder, read, rate_hz=rate_hz)
     lowest = float(np.median([track.q[:, 2].min() for track in tracks])) / half_width
     if not LOWEST_CENTER[0] < lowest < LOWEST_CENTER[1]:
         raise FileError(
@@ -90,12 +84,12 @@ def read_contactnets(
 
 
 def _import(source: ContactNetsSource, model: ObjectModel) -> Imported:
-    tracks = read_contactnets(source.path, half_width=source.half_width, rate_hz=source.rate_hz, limits=source.limits)
+    tracks = read_contactnets(source.path, half_width=source.half_width, rate_hz=source.rate_hz)
     return Imported(tracks, source.rate_hz)
 
 
 def _recognizes(path: Path) -> bool:
-    from tossid.store.import_checks import has_columns
+    from tossid.store.importers.tensors import has_columns
 
     return has_columns(path, (COLUMNS,))
 

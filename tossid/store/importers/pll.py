@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from tossid.errors import FileError, InputError
-from tossid.settings.kinds import Positive, advanced_part
-from tossid.settings.limits import ImportLimits
+from tossid.settings.kinds import Positive
 from tossid.store.importers.registry import Imported, register_importer
 
 if TYPE_CHECKING:
@@ -32,13 +31,9 @@ class PllSource:
     """folder of N.pt files"""
     rate_hz: Positive = RATE
     """frames a second"""
-    limits: ImportLimits = advanced_part(ImportLimits)
-    """values beyond which units are taken to be wrong"""
 
 
-def read_pll(
-    folder: Path, *, n_joints: int, rate_hz: float = RATE, limits: ImportLimits = ImportLimits()
-) -> Sequence[PoseTrack]:
+def read_pll(folder: Path, *, n_joints: int, rate_hz: float = RATE) -> Sequence[PoseTrack]:
     """The tracks in a folder of `N.pt`, each a tensor (n, 13 or 15) in metres and radians.
 
     Columns: quaternion wxyz (4), position (3), [joint angle], angular velocity
@@ -49,7 +44,6 @@ def read_pll(
         folder: Where the files lie.
         n_joints: Joints of the object, 0 or 1.
         rate_hz: Frames a second.
-        limits: Values beyond which units are taken to be wrong.
 
     Returns:
         Tracks with recorded velocities, 2 before 10: linear in the world frame [m/s], angular in the body frame
@@ -61,7 +55,7 @@ def read_pll(
     """
     import numpy as np
 
-    from tossid.store.import_checks import read_tensor, tensor_tracks
+    from tossid.store.importers.tensors import read_tensor, tensor_tracks
 
     if n_joints not in (0, 1):
         raise InputError(f"the pll format has no or one joint, the object has {n_joints}")
@@ -72,24 +66,21 @@ def read_pll(
             raise FileError(
                 path, f"holds {rows.shape[1]} columns, expected {13 + 2 * n_joints} for an object of {n_joints} joints"
             )
-        if not np.isfinite(rows).all():
-            row = int(np.argmax(~np.isfinite(rows).all(axis=1)))
-            raise FileError(path, "is not finite (NaN or infinity)", row=row)
         quat, p, joints = rows[:, :4], rows[:, 4:7], rows[:, 7 : 7 + n_joints]
         spin, speed, rates = np.split(rows[:, 7 + n_joints :], [3, 6], axis=1)
         q = np.concatenate([p, quat, np.unwrap(joints, axis=0)], axis=1)
         return q, np.concatenate([speed, spin, rates], axis=1)
 
-    return tensor_tracks(folder, read, rate_hz=rate_hz, limits=limits)
+    return tensor_tracks(folder, read, rate_hz=rate_hz)
 
 
 def _import(source: PllSource, model: ObjectModel) -> Imported:
-    tracks = read_pll(source.path, n_joints=model.n_joints, rate_hz=source.rate_hz, limits=source.limits)
+    tracks = read_pll(source.path, n_joints=model.n_joints, rate_hz=source.rate_hz)
     return Imported(tracks, source.rate_hz)
 
 
 def _recognizes(path: Path) -> bool:
-    from tossid.store.import_checks import has_columns
+    from tossid.store.importers.tensors import has_columns
 
     return has_columns(path, COLUMNS)
 

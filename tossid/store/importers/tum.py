@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from tossid.errors import ConfigError, FileError, InputError
 from tossid.outputs import write_whole
-from tossid.settings.kinds import advanced_part
-from tossid.settings.limits import ImportLimits
+from tossid.settings.kinds import Fraction
 from tossid.store.importers.registry import Imported, holds, register_importer
 
 if TYPE_CHECKING:
@@ -18,17 +18,16 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from tossid.objects import ObjectModel
-    from tossid.store.lost_rows import Lost
-    from tossid.store.pose_columns import PoseColumns
+    from tossid.store.importers.columns import PoseColumns
     from tossid.types import PoseTrack, Toss
 
     Array = NDArray[np.float64]
 
-_JOINTS = ".joints.txt"
-_LINK = ".link_2.txt"
+_JOINTS, _LINK = ".joints.txt", ".link_2.txt"
 _FORM = "timestamp tx ty tz qx qy qz qw"
 _SAME_TIME = 1e-6
 """[s] by which the times of poses and joints may differ (they are printed with some digits)."""
+_MOST_LOST = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,27 +41,36 @@ class TumSource:
     columns: str | None = None
     """names of the columns, whatever the files say, such as "time_ms tx ty tz qw qx qy qz"; null: as their first line
     names them, else "timestamp tx ty tz qx qy qz qw\""""
-    limits: ImportLimits = advanced_part(ImportLimits)
-    """values beyond which units are taken to be wrong"""
+    lost: Fraction = _MOST_LOST
+    """largest share of a file's rows that may hold no pose, because the tracker had lost the object"""
+
+
+class _File(NamedTuple):
+    """What one file holds: its track, which of its rows that is, and what is to be said of it."""
+
+    track: PoseTrack
+    t: Array
+    kept: NDArray[np.int64]
+    lost: Counter[str]
+    columns: PoseColumns
 
 
 def read_tum(
-    folder: Path, *, n_joints: int, limits: ImportLimits = ImportLimits(), columns: str | None = None
+    folder: Path, *, n_joints: int, columns: str | None = None, lost: float = _MOST_LOST
 ) -> Sequence[PoseTrack]:
     """The tracks in a folder of `NAME.txt`, and for an articulated object `NAME.joints.txt` beside each.
 
-    A pose is that of the object's first link in a world with z up and ground
-    z = 0; times [s] increase, but need not be uniform; `#` starts a comment.
-    A first line that names columns is obeyed (`tossid.store.pose_columns`).
-    Rows without a pose, where the tracker had lost the object, are left out.
-    `NAME.joints.txt` holds `timestamp angle…` [rad] at the same times.
+    A pose is that of the object's first link in a world with z up and ground z = 0; times [s] increase, but need not be
+    uniform; `#` starts a comment. A first line that names columns is obeyed (`tossid.store.importers.columns`). Rows
+    without a pose, where the tracker had lost the object, are left out. `NAME.joints.txt` holds `timestamp angle…`
+    [rad] at the same times.
 
     Args:
         folder: Where the files lie.
         n_joints: Joints of the object.
-        limits: Values beyond which units are taken to be wrong, and the share of rows that may hold no pose.
         columns: Names of the columns, whatever the files say; None: as their first line says, else
             `timestamp tx ty tz qx qy qz qw`.
+        lost: Largest share of a file's rows that may hold no pose.
 
     Returns:
         Tracks without velocities, 2 before 10.
@@ -70,45 +78,18 @@ def read_tum(
     Raises:
         FileError: A file is missing or is not what it should be; names file and line.
     """
-    return _read(folder, n_joints, limits, columns).tracks
-
-
-def _read(folder: Path, n_joints: int, limits: ImportLimits, columns: str | None) -> Imported:
-    """The tracks of a folder, and what is to be said of its files; every file is checked now."""
-    from collections import Counter
-
-    from tossid.store.import_checks import files_of, tracks_of
-    from tossid.store.lost_rows import Lost
-
-    files = files_of(Path(folder), ".txt", but_not=(_JOINTS, _LINK))
-    lost, stated, w_first = Lost(0, Counter()), True, True
-
-    def track(path: Path) -> PoseTrack:
-        nonlocal stated, w_first
-        read = _read_track(path, n_joints, limits, columns)
-        lost.rows += read.lost.rows
-        lost.by_kind.update(read.lost.by_kind)
-        stated &= read.stated
-        w_first &= read.w_first
-        return read.track
-
-    tracks = tracks_of(files, track)
-    for _ in tracks:
-        pass
-    said = lost.words()
-    remarks = () if said is None else (f"{said}: they are left out as lost frames",)
-    return Imported(tracks, remarks=remarks, w_first=w_first, stated=stated)
+    return _read_folder(folder, n_joints, columns, lost).tracks
 
 
 def read_link_tum(
-    folder: Path, *, limits: ImportLimits = ImportLimits(), columns: str | None = None
+    folder: Path, *, columns: str | None = None, lost: float = _MOST_LOST
 ) -> tuple[Sequence[PoseTrack], ...]:
     """The tracks of both links of an object of which nothing is stated: `NAME.txt` and `NAME.link_2.txt` beside each.
 
     Args:
         folder: Where the files lie.
-        limits: As `read_tum` has them. Frames without a pose of one link are left out of both.
         columns: As `read_tum` has them.
+        lost: As `read_tum` has it. Frames without a pose of one link are left out of both.
 
     Returns:
         Tracks of link 1 and of link 2 at the same times, (n, 7) each, without velocities, 2 before 10.
@@ -118,62 +99,21 @@ def read_link_tum(
     """
     import numpy as np
 
-    from tossid.store.import_checks import files_of
     from tossid.types import PoseTrack
 
-    first, second = list[PoseTrack](), list[PoseTrack]()
-    for path in files_of(Path(folder), ".txt", but_not=(_JOINTS, _LINK)):
-        beside = path.with_name(path.name.removesuffix(".txt") + _LINK)
+    links: tuple[list[PoseTrack], list[PoseTrack]] = ([], [])
+    for path in _pose_files(folder):
+        beside = _beside(path, _LINK)
         if not beside.is_file():
             raise FileError(beside, "is missing; object.links=2 needs the poses of the second link")
-        one, two = (_read_track(each, 0, limits, columns) for each in (path, beside))
-        if len(one.all_t) != len(two.all_t) or not (abs(one.all_t - two.all_t) <= _SAME_TIME).all():
+        both = [_read_file(each, 0, columns, lost) for each in (path, beside)]
+        t, other = (file.t for file in both)
+        if len(t) != len(other) or not (abs(t - other) <= _SAME_TIME).all():
             raise FileError(beside, f"its times are not those of {path.name}; expected both links in every frame")
-        shared = np.intersect1d(one.kept, two.kept)
-        for read, links in ((one, first), (two, second)):
-            links.append(PoseTrack(path.stem, one.all_t[shared], read.track.q[np.isin(read.kept, shared)]))
-    return first, second
-
-
-@dataclass(frozen=True)
-class _Read:
-    """What one file holds: its track, and which of its rows that is."""
-
-    track: PoseTrack
-    all_t: Array
-    kept: NDArray[np.int64]
-    lost: Lost
-    w_first: bool
-    stated: bool
-
-
-def _read_track(path: Path, n_joints: int, limits: ImportLimits, columns: str | None) -> _Read:
-    import numpy as np
-
-    from tossid.rotations import xyzw_to_wxyz
-    from tossid.store.import_checks import check_times, checked_track
-    from tossid.store.lost_rows import lost_rows
-
-    rows, lines, where = _read_poses(path, columns)
-    t = _time(path, rows, lines, where)
-    check_times(path, t, limits)
-    poses = np.concatenate([where.length * rows[:, where.position], rows[:, where.quaternion]], axis=1)
-    gone, lost = lost_rows(t, poses)
-    if gone.mean() > limits.lost:
-        said = f"{lost.words()}; at most {limits.lost:.0%} may be lost frames (source.limits.lost)"
-        raise FileError(path, said, row=f"line {lines[int(np.argmax(gone))]}")
-    kept = np.flatnonzero(~gone)
-    q = np.concatenate([poses[:, :3], xyzw_to_wxyz(poses[:, 3:])], axis=1)
-    beside = path.with_name(path.name.removesuffix(".txt") + _JOINTS)
-    if n_joints:
-        if not beside.is_file():
-            raise FileError(beside, f"is missing; the object has {n_joints} joints")
-        q = np.concatenate([q, _read_joints(beside, t, kept, n_joints)], axis=1)
-    elif beside.exists():
-        raise FileError(beside, "gives joint angles, but the object has no joints")
-    names = [f"line {lines[row]}" for row in kept]
-    track = checked_track(path, t[kept], q[kept], None, row_names=names, limits=limits)
-    return _Read(track, t, kept, lost, min(where.quaternion) == where.quaternion[3], where.named)
+        shared = np.intersect1d(both[0].kept, both[1].kept)
+        for file, tracks in zip(both, links, strict=True):
+            tracks.append(PoseTrack(path.stem, file.t[shared], file.track.q[np.isin(file.kept, shared)]))
+    return links
 
 
 def write_tum(
@@ -192,22 +132,18 @@ def write_tum(
     """
     import numpy as np
 
-    from tossid.rotations import wxyz_to_xyzw
-
     folder = Path(folder)
     for track in tracks:
         if not track.name or "/" in track.name or track.name.endswith((".joints", ".link_2")):
             raise InputError(
                 f"a TUM file cannot be named after track {track.name!r} (empty, with '/', '.joints' or '.link_2')"
             )
-        poses = np.column_stack([track.t, track.q[:, :3], wxyz_to_xyzw(track.q[:, 3:7])])
-        write_whole(folder / f"{track.name}.txt", _text(_FORM, poses))
+        write_whole(folder / f"{track.name}.txt", _text(_FORM, _pose_rows(track)))
         if track.q.shape[1] > 7:
             joints = np.column_stack([track.t, track.q[:, 7:]])
             write_whole(folder / f"{track.name}{_JOINTS}", _text("timestamp angle", joints))
     for track in second or ():
-        poses = np.column_stack([track.t, track.q[:, :3], wxyz_to_xyzw(track.q[:, 3:7])])
-        write_whole(folder / f"{track.name}{_LINK}", _text(_FORM, poses))
+        write_whole(folder / f"{track.name}{_LINK}", _text(_FORM, _pose_rows(track)))
 
 
 def write_trajectory(path: Path, track: PoseTrack) -> None:
@@ -219,10 +155,7 @@ def write_trajectory(path: Path, track: PoseTrack) -> None:
     """
     import numpy as np
 
-    from tossid.rotations import wxyz_to_xyzw
-
-    rows = np.column_stack([track.t, track.q[:, :3], wxyz_to_xyzw(track.q[:, 3:7])])
-    np.savetxt(path, rows, fmt="%.9f", header=_FORM)
+    np.savetxt(path, _pose_rows(track), fmt="%.9f", header=_FORM)
 
 
 def trajectory_info(path: Path) -> dict[str, Any]:
@@ -236,14 +169,14 @@ def trajectory_info(path: Path) -> dict[str, Any]:
     """
     import numpy as np
 
-    read = _read_track(path, 0, ImportLimits(), None) if not path.name.endswith(_JOINTS) else None
-    if read is None:
+    if path.name.endswith(_JOINTS):
         raise FileError(path, f"gives joint angles, expected rows of '{_FORM}'")
-    t, places = read.track.t, read.track.q[:, :3]
+    file = _read_file(path, 0, None, _MOST_LOST)
+    t, places = file.track.t, file.track.q[:, :3]
     return {
         "kind": "poses",
         "n_frames": len(t),
-        "n_lost": read.lost.by_kind.total(),
+        "n_lost": file.lost.total(),
         "rate_hz": float(1 / np.median(np.diff(t))),
         "duration_s": float(t[-1] - t[0]),
         "position_min_m": places.min(axis=0).tolist(),
@@ -251,17 +184,125 @@ def trajectory_info(path: Path) -> dict[str, Any]:
     }
 
 
+def _pose_files(folder: Path) -> list[Path]:
+    from tossid.store.importers.checks import files_of
+
+    return files_of(Path(folder), ".txt", but_not=(_JOINTS, _LINK))
+
+
+def _beside(path: Path, ending: str) -> Path:
+    return path.with_name(path.name.removesuffix(".txt") + ending)
+
+
+def _pose_rows(track: PoseTrack | Toss) -> Array:
+    import numpy as np
+
+    from tossid.rotations import wxyz_to_xyzw
+
+    return np.column_stack([track.t, track.q[:, :3], wxyz_to_xyzw(track.q[:, 3:7])])
+
+
 def _text(header: str, rows: Array) -> bytes:
     lines = [f"# {header}", *(" ".join(repr(float(x)) for x in row) for row in rows)]
     return ("\n".join(lines) + "\n").encode()
+
+
+def _read_folder(folder: Path, n_joints: int, columns: str | None, most_lost: float) -> Imported:
+    """The tracks of a folder, and what is to be said of its files; every file is checked now."""
+    from tossid.store.importers.checks import tracks_of
+    from tossid.store.importers.rows import lost_words
+
+    said: dict[Path, tuple[int, Counter[str], PoseColumns]] = {}
+
+    def track(path: Path) -> PoseTrack:
+        file = _read_file(path, n_joints, columns, most_lost)
+        said[path] = len(file.t), file.lost, file.columns
+        return file.track
+
+    tracks = tracks_of(_pose_files(folder), track)
+    for _ in tracks:
+        pass
+    rows, lost, names = zip(*said.values(), strict=True)
+    together = sum(lost, Counter[str]())
+    return Imported(
+        tracks,
+        remarks=(f"{lost_words(sum(rows), together)}: they are left out as lost frames",) if together else (),
+        w_first=all(each.w_first for each in names),
+        stated=all(each.named for each in names),
+    )
+
+
+def _read_file(path: Path, n_joints: int, columns: str | None, most_lost: float) -> _File:
+    import numpy as np
+
+    from tossid.rotations import xyzw_to_wxyz
+    from tossid.store.importers.checks import check_times, checked_track
+    from tossid.store.importers.rows import lost_rows, lost_words
+
+    rows, lines, where = _read_poses(path, columns)
+    t = _time(path, rows, lines, where)
+    check_times(path, t)
+    poses = np.concatenate([where.length * rows[:, where.position], rows[:, where.quaternion]], axis=1)
+    gone, lost = lost_rows(t, poses)
+    if gone.mean() > most_lost:
+        problem = f"{lost_words(len(t), lost)}; at most {most_lost:.0%} may be lost frames (source.lost)"
+        raise FileError(path, problem, row=f"line {lines[int(np.argmax(gone))]}")
+    kept = np.flatnonzero(~gone)
+    q = np.concatenate([poses[:, :3], xyzw_to_wxyz(poses[:, 3:])], axis=1)
+    beside = _beside(path, _JOINTS)
+    if n_joints:
+        if not beside.is_file():
+            raise FileError(beside, f"is missing; the object has {n_joints} joints")
+        q = np.concatenate([q, _read_joints(beside, t, kept, n_joints)], axis=1)
+    elif beside.exists():
+        raise FileError(beside, "gives joint angles, but the object has no joints")
+    track = checked_track(path, t[kept], q[kept], None, row_names=[f"line {lines[row]}" for row in kept])
+    return _File(track, t, kept, lost, where)
+
+
+def _read_poses(path: Path, columns: str | None) -> tuple[Array, list[int], PoseColumns]:
+    """The rows of a file of poses, the line of each, and where they hold what."""
+    from tossid.store.importers.columns import USUAL, pose_columns, split_names
+    from tossid.store.importers.rows import read_rows
+
+    rows, lines, names = read_rows(path, _FORM)
+    if columns is not None:
+        names = split_names(columns)
+    try:
+        where = pose_columns(names) if names else USUAL
+    except ValueError as error:
+        if columns is not None:
+            raise ConfigError("source.columns", str(error)) from error
+        raise FileError(path, f"the header {error}") from error
+    if rows.shape[1] != where.count:
+        who = "source.columns" if columns is not None else "the header"
+        expected = f"{where.count}, as {who} names them" if names else f"rows of '{_FORM}'"
+        raise FileError(path, f"has {rows.shape[1]} columns, expected {expected}", row=f"line {lines[0]}")
+    return rows, lines, where
+
+
+def _time(path: Path, rows: Array, lines: list[int], where: PoseColumns) -> Array:
+    """Times (n,) [s], of whole seconds and nanoseconds too."""
+    import numpy as np
+
+    for at, size in where.times[1:] if where.times[0][1] == 1.0 else where.times[:-1]:
+        beyond = ~((rows[:, at] >= 0) & (rows[:, at] * size < 1))
+        if beyond.any():
+            row = int(np.argmax(beyond))
+            problem = f"{rows[row, at]:.9g} is no part of a second; expected one column of the time"
+            raise FileError(path, problem, row=f"line {lines[row]}")
+    t = np.sum([rows[:, at] * size for at, size in where.times], axis=0)
+    if np.isnan(t).any():
+        raise FileError(path, "has no time", row=f"line {lines[int(np.argmax(np.isnan(t)))]}")
+    return np.asarray(t)
 
 
 def _read_joints(path: Path, t: Array, kept: NDArray[np.int64], n_joints: int) -> Array:
     """Angles (n, n_joints) [rad] at the times of all poses; only those of poses that are kept need to be numbers."""
     import numpy as np
 
-    from tossid.store.pose_columns import column_of
-    from tossid.store.text_rows import read_rows
+    from tossid.store.importers.columns import column_of
+    from tossid.store.importers.rows import read_rows
 
     form = "timestamp" + " angle" * n_joints
     rows, lines, names = read_rows(path, form)
@@ -287,51 +328,11 @@ def _read_joints(path: Path, t: Array, kept: NDArray[np.int64], n_joints: int) -
     return rows[:, 1:]
 
 
-def _read_poses(path: Path, columns: str | None) -> tuple[Array, list[int], PoseColumns]:
-    """The rows of a file of poses, the line of each, and where they hold what."""
-    from tossid.store.pose_columns import USUAL, pose_columns, split_names
-    from tossid.store.text_rows import read_rows
-
-    rows, lines, names = read_rows(path, _FORM)
-    if columns is not None:
-        names = split_names(columns)
-    try:
-        where = pose_columns(names) if names else USUAL
-    except ValueError as error:
-        if columns is not None:
-            raise ConfigError("source.columns", str(error)) from error
-        raise FileError(path, f"the header {error}") from error
-    if rows.shape[1] != where.count:
-        who = "source.columns" if columns is not None else "the header"
-        expected = f"{where.count}, as {who} names them" if names else f"rows of '{_FORM}'"
-        raise FileError(path, f"has {rows.shape[1]} columns, expected {expected}", row=f"line {lines[0]}")
-    return rows, lines, where
-
-
-def _time(path: Path, rows: Array, lines: list[int], where: PoseColumns) -> Array:
-    """Times (n,) [s], of whole seconds and nanoseconds too."""
-    import numpy as np
-
-    for at, size in where.times[1:] if where.times[0][1] == 1.0 else where.times[:-1]:
-        beyond = ~((rows[:, at] >= 0) & (rows[:, at] * size < 1))
-        if beyond.any():
-            said = f"{rows[int(np.argmax(beyond)), at]:.9g} is no part of a second; expected one column of the time"
-            raise FileError(path, said, row=f"line {lines[int(np.argmax(beyond))]}")
-    t = np.sum([rows[:, at] * size for at, size in where.times], axis=0)
-    if np.isnan(t).any():
-        raise FileError(path, "has no time", row=f"line {lines[int(np.argmax(np.isnan(t)))]}")
-    return np.asarray(t)
-
-
 def _import(source: TumSource, model: ObjectModel) -> Imported:
     other = next(iter(sorted(Path(source.path).glob(f"*{_LINK}"))), None)
     if other is not None:
         raise FileError(other, "gives the poses of a second link, which object=unknown object.links=2 takes")
-    return _read(source.path, model.n_joints, source.limits, source.columns)
-
-
-def _import_links(source: TumSource) -> tuple[Sequence[PoseTrack], ...]:
-    return read_link_tum(source.path, limits=source.limits, columns=source.columns)
+    return _read_folder(source.path, model.n_joints, source.columns, source.lost)
 
 
 register_importer(
@@ -339,5 +340,5 @@ register_importer(
     _import,
     recognizes=lambda path: holds(path, ".txt") and not holds(path, ".pt"),
     cut_at_rest=True,
-    read_links=_import_links,
+    read_links=lambda source: read_link_tum(source.path, columns=source.columns, lost=source.lost),
 )

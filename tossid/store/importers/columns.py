@@ -70,6 +70,11 @@ class PoseColumns:
     quaternion: tuple[int, ...]
     named: bool = True
 
+    @property
+    def w_first(self) -> bool:
+        """Whether quaternions stand as w x y z."""
+        return min(self.quaternion) == self.quaternion[3]
+
 
 USUAL = PoseColumns(8, ((0, 1.0),), (1, 2, 3), 1.0, (4, 5, 6, 7), named=False)
 """The columns `EXPECTED`."""

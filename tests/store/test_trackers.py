@@ -1,22 +1,28 @@
-"""TUM trajectories: written and read to the last digit, and what is wrong names file and line."""
+"""Text files of trackers: round trips to the last digit, headers obeyed, lost rows left out, errors with their line."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import tossid
 from tests.store.makers import make_toss, spinning
 from tossid.errors import ConfigError, FileError, InputError, OutputError
-from tossid.rotations import wxyz_to_xyzw
-from tossid.settings.limits import ImportLimits
+from tossid.rotations import quat_exp, wxyz_to_xyzw
 from tossid.store import read_tum, write_tum
+from tossid.store.importers.columns import is_header, pose_columns, split_names
+from tossid.store.importers.rows import NOT_FINITE, REPEATED, ZERO, lost_rows, lost_words, read_rows
 from tossid.store.importers.tum import read_link_tum, trajectory_info, write_trajectory
 from tossid.types import PoseTrack
+
+Array = NDArray[np.float64]
+NAN = float("nan")
 
 
 @pytest.mark.parametrize("n_joints", [0, 1, 2])
@@ -233,7 +239,7 @@ def test_frames_in_which_the_object_was_lost_are_left_out_and_counted(tmp_path: 
     _write(tmp_path / "a.txt", "", [t, poses])
     with pytest.raises(FileError, match=r"line 6: 9 of 40 rows hold no pose \(3 not finite, 6 of zeros\); at most 20%"):
         read_tum(tmp_path, n_joints=1)
-    assert len(read_tum(tmp_path, n_joints=1, limits=ImportLimits(lost=0.3))[0].t) == 31
+    assert len(read_tum(tmp_path, n_joints=1, lost=0.3)[0].t) == 31
 
 
 def test_frames_that_one_link_lost_are_left_out_of_both(tmp_path: Path) -> None:
@@ -246,3 +252,189 @@ def test_frames_that_one_link_lost_are_left_out_of_both(tmp_path: Path) -> None:
     for links in read_link_tum(tmp_path):
         np.testing.assert_allclose(links[0].t, np.delete(t, [5, 9]), atol=1e-9)
         np.testing.assert_allclose(links[0].q[:, :3], np.delete(q, [5, 9], axis=0)[:, :3], atol=1e-8)
+
+
+# ---------------------------------------------------------------- rows and lost rows
+
+
+@pytest.mark.parametrize(
+    ("text", "rows", "lines", "header"),
+    [
+        ("# c\n1 2\n\n3\t4 # after\n", [[1, 2], [3, 4]], [2, 4], []),
+        ("1,2\n3,\n,null\n", [[1, 2], [3, NAN], [NAN, NAN]], [1, 2, 3], []),
+        ("1;2,5\n0,25;-nan(ind)\n", [[1, 2.5], [0.25, NAN]], [1, 2], []),
+        ("time,frame_id\n1,cam\n2,cam\n", [[1, NAN], [2, NAN]], [2, 3], ["time", "frame_id"]),
+        ("# a note\n# timestamp angle\n0 NaN\n1 2\n", [[0, NAN], [1, 2]], [3, 4], ["timestamp", "angle"]),
+        (
+            "# time x y z of Take 3.csv t0=1.5\n0 1 2 3\n1 2 3 4\n",
+            [[0, 1, 2, 3], [1, 2, 3, 4]],
+            [2, 3],
+            ["time", "x", "y", "z"],
+        ),
+        ("1, 2,\n3, 4,\n", [[1, 2], [3, 4]], [1, 2], []),
+    ],
+)
+def test_rows_of_numbers(
+    tmp_path: Path, text: str, rows: list[list[float]], lines: list[int], header: list[str]
+) -> None:
+    (tmp_path / "a.txt").write_text(text)
+    found, at, names = read_rows(tmp_path / "a.txt", "a b")
+    np.testing.assert_array_equal(found, rows)
+    assert (at, names) == (lines, header)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("1 2\n3\n", "line 2: 1 columns, expected 2: 'a b'"),
+        ("1 2\n3 x\n", "line 2: 'x' is none, expected numbers: 'a b'"),
+        ("1 2\n3 1_0\n", "line 2: '1_0' is none"),
+        ("0,5 1,5\n0,6 1,6\n", "line 1: '5 1' is none, expected numbers: 'a b'; decimals have a point, no comma"),
+        ("a b\n1 2\n", "has 1 rows of numbers, expected rows of 'a b', at least 2"),
+    ],
+)
+def test_rows_that_are_none_are_refused(tmp_path: Path, text: str, says: str) -> None:
+    (tmp_path / "a.txt").write_text(text)
+    with pytest.raises(FileError) as caught:
+        read_rows(tmp_path / "a.txt", "a b")
+    assert says in str(caught.value)
+
+
+T = np.arange(60) / 148.0
+
+
+def thrown(*, decimals: int = 9) -> Array:
+    """A tumbling flight of 0.27 s, and rest to the last digit."""
+    fly = np.minimum(T, 0.27)[:, None]
+    place = np.array([0.1, -0.2, 0.4]) + fly * [1.0, 0.5, 0.4] - 0.5 * 9.81 * fly**2 * [0, 0, 1]
+    quat = quat_exp(fly * np.array([3.0, -7.0, 2.0]) + np.array([0.2, 0.1, 0.4]))
+    return np.round(np.concatenate([place, wxyz_to_xyzw(quat)], axis=1), decimals)
+
+
+def _with(rows: slice, value: float | list[float]) -> Callable[[Array], None]:
+    def put(poses: Array) -> None:
+        poses[rows] = value
+
+    return put
+
+
+def _held(poses: Array) -> None:
+    poses[11:15] = poses[10]
+
+
+@pytest.mark.parametrize(
+    ("harm", "kind", "rows"),
+    [
+        (_with(slice(7, 10), np.nan), NOT_FINITE, [7, 8, 9]),
+        (_with(slice(0, 2), np.inf), NOT_FINITE, [0, 1]),
+        (_with(slice(20, 22), 0.0), ZERO, [20, 21]),
+        (_with(slice(58, 60), [0, 0, 0, 0, 0, 0, 1]), ZERO, [58, 59]),
+        (_with(slice(30, 31), [0, 0, 0, 1, 0, 0, 0]), ZERO, [30]),
+        (_held, REPEATED, [11, 12, 13, 14]),
+    ],
+)
+def test_lost_frames(harm: Callable[[Array], None], kind: str, rows: list[int]) -> None:
+    poses = thrown()
+    harm(poses)
+    gone, lost = lost_rows(T, poses)
+    assert np.flatnonzero(gone).tolist() == rows
+    assert lost == {kind: len(rows)}
+    assert lost_words(60, lost) == f"{len(rows)} of 60 rows hold no pose ({len(rows)} {kind})"
+
+
+@pytest.mark.parametrize("decimals", [9, 3, 2])
+def test_rest_and_few_digits_are_no_loss(decimals: int) -> None:
+    gone, lost = lost_rows(T, thrown(decimals=decimals))
+    assert not gone.any()
+    assert not lost
+
+
+def test_a_motion_that_starts_at_the_origin_is_none() -> None:
+    poses = np.zeros((60, 7))
+    poses[:, 0], poses[:, 6] = 2.0 * T, 1.0
+    assert not lost_rows(T, poses)[0].any()
+
+
+def test_a_tracker_slower_than_its_file_repeats_every_other_row() -> None:
+    poses = thrown()
+    poses[1::2] = poses[::2]
+    gone, _ = lost_rows(T, poses)
+    assert gone[:39].sum() > 15
+
+
+# ---------------------------------------------------------------- names of columns
+
+EUROC = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
+STATES = EUROC + ",v_RS_R_x [m s^-1],b_w_RS_S_x [rad s^-1],b_a_RS_S_x [m s^-2]"
+FIELD = "field.pose"
+ROSTOPIC = ",".join(
+    [
+        "%time,field.header.seq,field.header.stamp,field.header.frame_id",
+        *(f"{FIELD}.position.{axis}" for axis in "xyz"),
+        *(f"{FIELD}.orientation.{axis}" for axis in "xyzw"),
+    ]
+)
+POSE = "pose.position.x pose.position.y pose.position.z"
+TURN = "pose.orientation.x pose.orientation.y pose.orientation.z pose.orientation.w"
+
+
+@pytest.mark.parametrize(
+    ("header", "times", "position", "length", "quaternion"),
+    [
+        ("# timestamp tx ty tz qx qy qz qw", [(0, 1.0)], (1, 2, 3), 1.0, (4, 5, 6, 7)),
+        ("# timestamp tx ty tz qw qx qy qz", [(0, 1.0)], (1, 2, 3), 1.0, (5, 6, 7, 4)),
+        ("time_ms,x,y,z,q_w,q_x,q_y,q_z,", [(0, 1e-3)], (1, 2, 3), 1.0, (5, 6, 7, 4)),
+        ("t x y z q_w q_x q_y q_z", [(0, 1.0)], (1, 2, 3), 1.0, (5, 6, 7, 4)),
+        ("# columns: qw qx qy qz tx_mm ty_mm tz_mm Time(us)", [(7, 1e-6)], (4, 5, 6), 1e-3, (1, 2, 3, 0)),
+        ("Time [s];Position X [cm];Position Y [cm];Position Z [cm];Rotation X;Rotation Y;Rotation Z;Rotation W",
+         [(0, 1.0)], (1, 2, 3), 1e-2, (4, 5, 6, 7)),
+        ("stamp (ns) x (mm) y (mm) z (mm) qi qj qk qr", [(0, 1e-9)], (1, 2, 3), 1e-3, (4, 5, 6, 7)),
+        (f"header.stamp.sec header.stamp.nanosec {POSE} {TURN}", [(0, 1.0), (1, 1e-9)], (2, 3, 4), 1.0, (5, 6, 7, 8)),
+        (f"sec nsec frame_id {POSE} {TURN}", [(0, 1.0), (1, 1e-9)], (3, 4, 5), 1.0, (6, 7, 8, 9)),
+        (EUROC, [(0, 1e-9)], (1, 2, 3), 1.0, (5, 6, 7, 4)),
+        (STATES, [(0, 1e-9)], (1, 2, 3), 1.0, (5, 6, 7, 4)),
+        (ROSTOPIC, [(2, 1e-9)], (4, 5, 6), 1.0, (7, 8, 9, 10)),
+    ],
+)  # fmt: skip
+def test_spellings_of_columns(
+    header: str,
+    times: list[tuple[int, float]],
+    position: tuple[int, ...],
+    length: float,
+    quaternion: tuple[int, ...],
+) -> None:
+    names = split_names(header)
+    found = pose_columns(names)
+    assert is_header(names, found.count)
+    assert list(found.times) == times
+    assert (found.position, found.length, found.quaternion) == (position, length, quaternion)
+
+
+@pytest.mark.parametrize(
+    ("header", "says"),
+    [
+        ("time x y z q0 q1 q2 q3", "not known ('q0', 'q1', 'q2', 'q3'), expected 'timestamp tx ty tz qx qy qz qw'"),
+        ("time x y z roll pitch yaw", "not known ('roll', 'pitch', 'yaw')"),
+        ("time x y z rot_x rot_y rot_z", "names no column for qw"),
+        ("tx ty tz qx qy qz qw", "names no column for timestamp"),
+        ("time x y z x qx qy qz qw", "two columns that could both be tx ('x' and 'x')"),
+        ("time timestamp x y z qx qy qz qw", "each be the time ('time' and 'timestamp'), expected one"),
+        ("time_s time_ms x y z qx qy qz qw", "each be the time ('time_s' and 'time_ms')"),
+        ("time x_mm y_mm z qx qy qz qw", "other units for tx, ty and tz"),
+        ("time x_inch y_inch z_inch qx qy qz qw", "not known ('x_inch'"),
+        ("time x y z qx [deg] qy qz qw", "not known ('qx [deg]')"),
+    ],
+)  # fmt: skip
+def test_names_that_are_not_known_are_refused(header: str, says: str) -> None:
+    with pytest.raises(ValueError, match="expected") as caught:
+        pose_columns(split_names(header))
+    assert says in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["# ground truth trajectory", "# file: 'a b.bag'", "# recorded at 148 Hz", "# c", "#"])
+def test_a_sentence_is_no_header(text: str) -> None:
+    assert not is_header(split_names(text), 8)
+
+
+def test_as_many_words_as_columns_are_a_header_that_is_not_known() -> None:
+    assert is_header(split_names("# time a b c d e f g"), 8)
