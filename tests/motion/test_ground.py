@@ -10,7 +10,7 @@ import pytest
 from tests.diagnosis.tossed import seen
 from tests.models.made import tosses as made_tosses
 from tests.motion.handling import Handling
-from tests.objects.test_convex_shape import OFFSET, WEDGE, rolled
+from tests.objects.test_shapes import OFFSET, WEDGE, rolled
 from tests.vision.tosses import thrown
 from tossid.errors import InputError
 from tossid.motion import ground_plane

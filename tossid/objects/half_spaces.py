@@ -1,7 +1,7 @@
 """Half-spaces that hold an object, from poses over the ground, and their intersection.
 
-No point x of an object is ever below the ground: p_z + e_z · R x ≥ 0 in every frame. With the downward direction in the
-body's frame, d = -Rᵀ e_z, this reads d · x ≤ p_z.
+No point x of an object is ever below the ground: p_z + e_z · R x ≥ 0 in every frame, with the body's origin p and its
+rotation R. With the downward direction in the body's frame, d = -Rᵀ e_z, this reads d · x ≤ p_z.
 """
 
 from __future__ import annotations
@@ -16,12 +16,15 @@ from scipy.spatial import HalfspaceIntersection, QhullError
 
 from tossid.errors import InputError
 from tossid.rotations import quat_to_matrix
-from tossid.settings.objects import ShapeSettings
 from tossid.types import PoseTrack, Toss
 
 Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
-DEFAULT = ShapeSettings()
+LARGEST, SMALLEST = 5.0, 1e-3
+"""Farthest that an object may reach from its frame's origin [m], and smallest radius of the largest ball inside."""
+OTHER_ANGLE, OTHER_HEIGHT = 8.7e-3, 2e-4
+"""Turn [rad] and change of height [m] from the last frame that counted after which a frame of a toss counts again."""
 
 
 class HalfSpaces(NamedTuple):
@@ -39,14 +42,14 @@ class HalfSpaces(NamedTuple):
     height: Array
     place: Array
     toss: NDArray[np.int64]
-    free: NDArray[np.bool_]
+    free: Bools
 
-    def chosen(self, which: NDArray[np.bool_]) -> HalfSpaces:
+    def chosen(self, which: Bools) -> HalfSpaces:
         """Some of them."""
         return HalfSpaces(self.down[which], self.height[which], self.place[which], self.toss[which], self.free[which])
 
 
-def half_spaces(tosses: Sequence[Toss | PoseTrack], flying: Sequence[NDArray[np.bool_]] | None = None) -> HalfSpaces:
+def half_spaces(tosses: Sequence[Toss | PoseTrack], flying: Sequence[Bools] | None = None) -> HalfSpaces:
     """The half-spaces of all frames of tosses of one rigid body.
 
     Args:
@@ -60,12 +63,11 @@ def half_spaces(tosses: Sequence[Toss | PoseTrack], flying: Sequence[NDArray[np.
     return HalfSpaces(down, q[:, 2], q[:, :2], of, free)
 
 
-def outer_hull(spaces: HalfSpaces, settings: ShapeSettings = DEFAULT) -> tuple[Array, float, Array]:
+def outer_hull(spaces: HalfSpaces) -> tuple[Array, float, Array]:
     """The intersection of half-spaces: everything where the object may be.
 
     Args:
         spaces: At least four.
-        settings: `largest` bounds it where no frame does.
 
     Returns:
         Centre (3,) and radius [m] of the largest ball inside, and the vertices (m, 3), in the body's frame.
@@ -73,54 +75,37 @@ def outer_hull(spaces: HalfSpaces, settings: ShapeSettings = DEFAULT) -> tuple[A
     Raises:
         InputError: The half-spaces have no common inside: the ground is not z = 0, or the poses contradict each other.
     """
-    box = np.concatenate([np.eye(3), -np.eye(3)])
-    normals = np.concatenate([spaces.down, box])
-    bounds = np.concatenate([spaces.height, np.full(6, settings.largest)])
+    normals = np.concatenate([spaces.down, np.eye(3), -np.eye(3)])
+    bounds = np.concatenate([spaces.height, np.full(6, LARGEST)])
     cost, columns = np.array([0.0, 0.0, 0.0, -1.0]), np.column_stack([normals, np.ones(len(normals))])
     found = linprog(cost, A_ub=columns, b_ub=bounds, bounds=[(None, None)] * 3 + [(0, None)])
-    if found.status != 0 or found.x[3] < settings.smallest:
+    if found.status != 0 or found.x[3] < SMALLEST:
         raise InputError(
             "no shape fits above the ground in all frames; expected poses over the level ground z = 0, of a body whose "
             "frame does not move in it"
         )
     vertices = _vertices(normals, bounds, found.x[:3])
-    if np.abs(vertices).max() >= settings.largest - 1e-9:
+    if np.abs(vertices).max() >= LARGEST - 1e-9:
         raise InputError(
-            f"the frames show the object from too few sides to bound it within {settings.largest:g} m; "
+            f"the frames show the object from too few sides to bound it within {LARGEST:g} m; "
             "expected tosses that come down on all sides"
         )
     return found.x[:3], float(found.x[3]), np.unique(vertices.round(7), axis=0)
 
 
-def hull_within(spaces: HalfSpaces, inside: Array, reach: float) -> Array:
-    """Vertices (m, 3) of the intersection of half-spaces and a cube, also where they alone bound nothing [m].
-
-    Args:
-        spaces: Any number.
-        inside: (3,) a point inside all of them, about which the cube lies; half-spaces without it are left out.
-        reach: Half the edge of the cube [m].
-
-    Raises:
-        InputError: The point is on the boundary.
-    """
-    around = spaces.chosen(spaces.height - spaces.down @ inside > 0)
-    box = np.concatenate([np.eye(3), -np.eye(3)])
-    bounds = np.concatenate([around.height, box @ inside + reach])
-    return _vertices(np.concatenate([around.down, box]), bounds, inside)
-
-
-def hull_in_box(spaces: HalfSpaces, axes: Array, low: Array, high: Array) -> Array:
-    """Vertices (m, 3) of the intersection of half-spaces and a box [m].
+def hull_in_box(spaces: HalfSpaces, low: Array, high: Array, axes: Array | None = None) -> Array:
+    """Vertices (m, 3) of the intersection of half-spaces and a box, also where they alone bound nothing [m].
 
     Args:
         spaces: Any number that the middle of the box lies inside of; others are left out.
-        axes: (3, 3) rows are the box's axes in the body's frame, unit.
-        low: (3,) where it begins along each [m].
+        low: (3,) where the box begins along each of its axes [m].
         high: (3,) where it ends [m].
+        axes: (3, 3) rows are its axes in the body's frame, unit; None for the frame's own.
 
     Raises:
         InputError: There is no intersection.
     """
+    axes = np.eye(3) if axes is None else axes
     inside = axes.T @ (0.5 * (low + high))
     around = spaces.chosen(spaces.height - spaces.down @ inside > 0)
     bounds = np.concatenate([around.height, high, -low])
@@ -136,39 +121,33 @@ def _vertices(normals: Array, bounds: Array, inside: Array) -> Array:
     return np.asarray(vertices[np.isfinite(vertices).all(axis=1)])
 
 
-def different(spaces: HalfSpaces, settings: ShapeSettings) -> NDArray[np.bool_]:
+def different(spaces: HalfSpaces) -> Bools:
     """Marks frames (n,) that differ from the last one marked of their toss: a body at rest is one observation.
 
     Args:
         spaces: Of all frames, toss after toss.
-        settings: How much a frame has to differ.
     """
     keep = np.zeros(len(spaces.height), dtype=bool)
-    least, last = np.cos(settings.other_angle), -1
+    least, last = np.cos(OTHER_ANGLE), -1
     for k in range(len(keep)):
         keep[k] = (
             last < 0
             or spaces.toss[k] != spaces.toss[last]
             or spaces.down[k] @ spaces.down[last] < least
-            or abs(spaces.height[k] - spaces.height[last]) > settings.other_height
+            or abs(spaces.height[k] - spaces.height[last]) > OTHER_HEIGHT
         )
         last = k if keep[k] else last
     return keep
 
 
-def evenly(n: int, most: int) -> NDArray[np.bool_]:
-    """Marks at most so many of n, evenly spaced.
-
-    Args:
-        n: How many there are.
-        most: How many are marked at most.
-    """
+def evenly(n: int, most: int) -> Bools:
+    """Marks at most so many of n items, evenly spaced, (n,)."""
     keep = np.zeros(n, dtype=bool)
     keep[np.unique(np.linspace(0, n - 1, min(n, most)).astype(int))] = True
     return keep
 
 
-def turned(ways: Array, least: float) -> NDArray[np.bool_]:
+def turned(ways: Array, least: float) -> Bools:
     """Marks directions (n,) that are turned from the last one marked; the first one is.
 
     Args:
@@ -182,13 +161,9 @@ def turned(ways: Array, least: float) -> NDArray[np.bool_]:
     return keep
 
 
-def protrusion(point: Array, vertices: Array) -> float:
-    """Distance [m] of a point from the convex hull of vertices.
-
-    Args:
-        point: (3,) [m].
-        vertices: (n, 3) [m].
-    """
+def protrusion(points: Array, vertices: Array) -> Array:
+    """Distance (m,) of points (m, 3) from the convex hull of vertices (n, 3) [m]."""
     heavy = 1e3 * np.abs(vertices).max()
-    weights, _ = nnls(np.vstack([vertices.T, np.full(len(vertices), heavy)]), np.append(point, heavy))
-    return float(np.linalg.norm(vertices.T @ weights - point))
+    columns = np.vstack([vertices.T, np.full(len(vertices), heavy)])
+    nearest = [vertices.T @ nnls(columns, np.append(point, heavy))[0] for point in points]
+    return np.array([np.linalg.norm(near - point) for near, point in zip(nearest, points, strict=True)])

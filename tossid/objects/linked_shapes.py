@@ -19,21 +19,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from tossid.objects.convex_shape import ConvexShape, merged, polytope, price_of, sharp_shape
+from tossid.objects.convex_shape import UNSEEN, ConvexShape, sharp_shape
 from tossid.objects.half_spaces import HalfSpaces, different, half_spaces, hull_in_box, protrusion
-from tossid.objects.max_affine import Fit, fit_vertices, loss_of
-from tossid.settings.objects import ShapeSettings
+from tossid.objects.polytope import (
+    CONTACT_GAP,
+    GAP,
+    bic_terms,
+    find_polytope,
+    fit_over_level_ground,
+    loss_of,
+    merged,
+)
 from tossid.types import PoseTrack, Toss
 
 Array = NDArray[np.float64]
-
-DEFAULT = ShapeSettings()
 
 
 def find_linked_shapes(
     links: Sequence[Sequence[Toss | PoseTrack]],
     axes: Sequence[Array],
-    settings: ShapeSettings = DEFAULT,
     *,
     flying: Sequence[NDArray[np.bool_]] | None = None,
 ) -> tuple[ConvexShape, ...]:
@@ -42,7 +46,6 @@ def find_linked_shapes(
     Args:
         links: The tracks of each link, (n, 7) each, at the same times, over the ground z = 0.
         axes: The hinge's axis in each link's frame, (3,) unit.
-        settings: What counts as contact, and which vertices count.
         flying: Frames of each toss that are known to be in free flight.
 
     Returns:
@@ -52,42 +55,37 @@ def find_linked_shapes(
         InputError: The poses bound no shape, or there is too little contact.
     """
     every = [half_spaces(link, flying) for link in links]
-    found = [polytope(spaces, settings) for spaces in every]
-    fits = [_level(seen, chosen.vertices, settings) for seen, chosen, _, _ in found]
-    kept = np.any([different(spaces, settings) for spaces in every], axis=0)
-    frames = [spaces.chosen(kept) for spaces in every]
+    alone = [find_polytope(spaces) for spaces in every]
+    fits = [fit_over_level_ground(each.near, each.fit.vertices) for each in alone]
+    frames = _different_together(every)
     while True:
-        vertices = _without_explained(frames, [fit.vertices for fit in fits], fits, found[0][0], settings)
-        fewer = [len(fit.vertices) - len(own) for fit, own in zip(fits, vertices, strict=True)]
-        fits = [
-            _level(seen, own, settings) if less else fit
-            for (seen, *_), own, fit, less in zip(found, vertices, fits, fewer, strict=True)
-        ]
+        terms = bic_terms(fits[0].gap, alone[0].near.free)
+        vertices = _without_explained(frames, [fit.vertices for fit in fits], *terms)
+        fewer = [len(own) < len(fit.vertices) for fit, own in zip(fits, vertices, strict=True)]
+        for link in np.flatnonzero(fewer):
+            fits[link] = fit_over_level_ground(alone[link].near, vertices[link])
         if not any(fewer):
             break
     shapes = []
-    for spaces, axis, (seen, chosen, hull, radius), fit in zip(every, axes, found, fits, strict=True):
-        unseen, far = settings.unseen_rel * radius, merged(hull, settings.merge_rel * radius)
-        shape = sharp_shape(seen, fit, far, unseen=unseen, ground=chosen.ground, settings=settings)
-        shapes.append(_completed(shape, spaces, axis, unseen, settings.merge_rel * radius))
+    for spaces, axis, each, fit in zip(every, axes, alone, fits, strict=True):
+        unseen, hull = UNSEEN * each.radius, merged(each.hull, each.radius)
+        shape = sharp_shape(each.near, fit, hull, unseen=unseen, ground=each.fit.ground)
+        shapes.append(_completed(shape, spaces, axis, unseen, each.radius))
     return tuple(shapes)
 
 
 def contacts_alone(
-    links: Sequence[Sequence[Toss | PoseTrack]], shapes: Sequence[ConvexShape], settings: ShapeSettings = DEFAULT
+    links: Sequence[Sequence[Toss | PoseTrack]], shapes: Sequence[ConvexShape]
 ) -> list[NDArray[np.int64]]:
     """How many different contacts show each vertex of each link while no other link touches.
 
     Args:
         links: The tracks of each link, as of `find_linked_shapes`.
         shapes: Of the links.
-        settings: What counts as contact.
     """
-    every = [half_spaces(link) for link in links]
-    kept = np.any([different(spaces, settings) for spaces in every], axis=0)
-    frames = [spaces.chosen(kept) for spaces in every]
+    frames = _different_together([half_spaces(link) for link in links])
     touches = [
-        np.abs(spaces.height - shape.reach(spaces.down)) < settings.contact_gap
+        np.abs(spaces.height - shape.reach(spaces.down)) < CONTACT_GAP
         for spaces, shape in zip(frames, shapes, strict=True)
     ]
     out = []
@@ -98,33 +96,31 @@ def contacts_alone(
     return out
 
 
-def _level(seen: HalfSpaces, vertices: Array, settings: ShapeSettings) -> Fit:
-    return fit_vertices(seen, vertices, np.zeros(3), settings, gap=2 * settings.gap, level=True)
+def _different_together(every: Sequence[HalfSpaces]) -> list[HalfSpaces]:
+    """The same frames of all links: those in which any link differs from before."""
+    kept = np.any([different(spaces) for spaces in every], axis=0)
+    return [spaces.chosen(kept) for spaces in every]
 
 
-def _completed(shape: ConvexShape, spaces: HalfSpaces, axis: Array, least: float, apart: float) -> ConvexShape:
+def _completed(shape: ConvexShape, spaces: HalfSpaces, axis: Array, least: float, radius: float) -> ConvexShape:
     """A shape with corners that no contact shows: where half-spaces let it reach, within the extent of the others.
 
-    axis: of the hinge. least: how far a corner stands out [m]. apart: how far corners are from each other [m].
+    axis: of the hinge. least: how far a corner stands out [m]. radius: of the largest ball inside the outer hull [m].
     """
     own = shape.vertices
     box = _box_along(axis, own)
     at = own @ box.T
-    points = merged(hull_in_box(spaces, box, at.min(axis=0), at.max(axis=0)), apart)
-    added = np.zeros((0, 3))
-    while True:
-        out = np.array([protrusion(point, np.concatenate([own, added])) for point in points])
-        if out.max() < least:
-            break
-        added = np.concatenate([added, points[[out.argmax()]]])
-    vertices = np.concatenate([own, added])
-    beyond = np.array([protrusion(point, vertices) for point in shape.unseen])
+    points = merged(hull_in_box(spaces, at.min(axis=0), at.max(axis=0), box), radius)
+    vertices = own
+    while (out := protrusion(points, vertices)).max() >= least:
+        vertices = np.concatenate([vertices, points[[out.argmax()]]])
+    added = len(vertices) - len(own)
     return replace(
         shape,
         vertices=vertices,
-        deviation=np.concatenate([shape.deviation, np.full(len(added), np.inf)]),
-        frames=np.concatenate([shape.frames, np.zeros(len(added), dtype=np.int64)]),
-        unseen=shape.unseen[beyond > least],
+        deviation=np.concatenate([shape.deviation, np.full(added, np.inf)]),
+        frames=np.concatenate([shape.frames, np.zeros(added, dtype=np.int64)]),
+        unseen=shape.unseen[protrusion(shape.unseen, vertices) > least],
     )
 
 
@@ -139,24 +135,20 @@ def _box_along(axis: Array, points: Array) -> Array:
     return np.concatenate([axis[None], np.array([way, [-way[1], way[0]]]) @ across])
 
 
-def _without_explained(
-    frames: Sequence[HalfSpaces], vertices: list[Array], fits: Sequence[Fit], seen: HalfSpaces, settings: ShapeSettings
-) -> list[Array]:
-    """Vertices of each link without those whose frames other vertices, of any link, explain as well."""
-    scale, price = price_of(fits[0].gap, seen.free, settings)
+def _without_explained(frames: Sequence[HalfSpaces], vertices: list[Array], scale: float, price: float) -> list[Array]:
+    """Vertices of each link without those whose frames other vertices, of any link, explain as well.
+
+    scale, price: of the Bayesian information criterion.
+    """
     free = frames[0].free
-
-    def loss(gap: Array) -> Array:
-        return loss_of(gap, free, settings.gap, settings)
-
     while True:
         reach = [spaces.down @ own.T for spaces, own in zip(frames, vertices, strict=True)]
         gaps = [spaces.height - np.max(own, axis=1) for spaces, own in zip(frames, reach, strict=True)]
-        now, best, cost = loss(np.min(gaps, axis=0)), None, 3 * price * scale
+        now, best, cost = loss_of(np.min(gaps, axis=0), free, GAP), None, 3 * price * scale
         for link, own in enumerate(vertices):
             others = np.min([gap for k, gap in enumerate(gaps) if k != link], axis=0)
             lowest, second = reach[link].argmax(axis=1), np.sort(reach[link], axis=1)[:, -2]
-            without = loss(np.minimum(frames[link].height - second, others))
+            without = loss_of(np.minimum(frames[link].height - second, others), free, GAP)
             costs = np.bincount(lowest, without - now, minlength=len(own))
             if len(own) > 4 and costs.min() < cost:
                 best, cost = (link, int(costs.argmin())), float(costs.min())

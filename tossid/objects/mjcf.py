@@ -93,93 +93,80 @@ def object_from_mjcf(text: str, **stated: Any) -> ObjectModel:
         ObjectError: MuJoCo cannot parse the text, it is no tree of one free base with hinges and slides, or it states
             several frictions and none is given.
     """
+    doing = "parse"
     try:
         spec = mujoco.MjSpec.from_string(text)
-    except (ValueError, mujoco.FatalError) as error:
-        raise ObjectError(f"MuJoCo cannot parse the object's MJCF: {first_line(error)}") from error
-    _free_base(spec)
-    try:
+        _free_base(spec)
+        doing = "compile"
         m = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        raise ObjectError(f"MuJoCo cannot compile the object: {first_line(error)}") from error
-    name = stated.pop("name", None) or spec.modelname
+        raise ObjectError(f"MuJoCo cannot {doing} the object's MJCF: {first_line(error)}") from error
+    stated["name"] = stated.get("name") or spec.modelname
     if stated.get("friction") is not None:
-        return _from_model(m, text, name=name, **stated)
-    found = friction_of(m, [text], None, file=f"the MJCF of '{name}'")
-    model = _from_model(m, text, **{**stated, "name": name, "friction": found.value})
+        return _from_model(m, text, **stated)
+    found = friction_of(m, [text], None, file=f"the MJCF of '{stated['name']}'")
+    model = _from_model(m, text, **{**stated, "friction": found.value})
     found.say()
     return model
 
 
 def _from_model(
-    m: mujoco.MjModel,
-    text: str,
-    *,
-    name: str,
-    friction: float,
-    restitution: float = 0.0,
-    compliance: float = 0.0,
-    relaxation: float = 0.0,
-    cohesion: float = 0.0,
-    width: float | None = None,
-    tags: Sequence[Tag] = (),
+    m: mujoco.MjModel, text: str, *, width: float | None = None, tags: Sequence[Tag] = (), **stated: Any
 ) -> ObjectModel:
-    n = m.nbody - 1
-    joint_type = np.zeros(n, dtype=np.int64)
-    joint_pos, joint_axis = np.zeros((n, 3)), np.tile([0.0, 0.0, 1.0], (n, 1))
-    for body in range(n):
-        body_name = m.body(body + 1).name
-        count, first = int(m.body_jntnum[body + 1]), int(m.body_jntadr[body + 1])
-        if body == 0:
-            if count != 1 or m.jnt_type[first] != mujoco.mjtJoint.mjJNT_FREE:
-                raise ObjectError(f"the base '{body_name}' needs one free joint")
-            continue
-        if count != 1 or mujoco.mjtJoint(m.jnt_type[first]) not in _JOINTS:
-            raise ObjectError(f"body '{body_name}' needs exactly one hinge or slide joint to its parent")
-        _refuse_joint(m, first)
-        joint_type[body] = _JOINTS[mujoco.mjtJoint(m.jnt_type[first])]
-        joint_pos[body], joint_axis[body] = m.jnt_pos[first], m.jnt_axis[first]
+    """The object of a compiled model; `stated` holds its name and friction at least, see `Stated`."""
+    kinds, pos, axes = _joints(m)
     if (m.body_mass[1:] <= 0).any():
         light = m.body(1 + int(np.argmax(m.body_mass[1:] <= 0))).name
         raise ObjectError(f"body '{light}' has no mass")
-
     if m.neq:
         raise ObjectError(f"the object has {m.neq} equality constraints (loops, locks), which are not supported")
-
     R = quat_to_matrix(m.body_iquat[1:])
-    inertia = R @ (m.body_inertia[1:, :, None] * np.swapaxes(R, -1, -2))
     corner_body, corner_pos, roundness = _corners(m)
     if not len(corner_body):
         raise ObjectError("the object has no box, mesh or round geom that could touch the ground")
     model = ObjectModel(
-        name=name,
-        body_names=tuple(m.body(b + 1).name or f"body_{b}" for b in range(n)),
+        body_names=tuple(m.body(b).name or f"body_{b - 1}" for b in range(1, m.nbody)),
         parent=np.asarray(m.body_parentid[1:], dtype=np.int64) - 1,
-        joint_type=joint_type,
-        joint_pos=joint_pos,
-        joint_axis=joint_axis,
+        joint_type=kinds,
+        joint_pos=pos,
+        joint_axis=axes,
         body_pos=np.array(m.body_pos[1:]),
         body_quat=np.array(m.body_quat[1:]),
         mass=np.array(m.body_mass[1:]),
         com=np.array(m.body_ipos[1:]),
-        inertia=inertia,
+        inertia=R @ (m.body_inertia[1:, :, None] * np.swapaxes(R, -1, -2)),
         corner_body=corner_body,
         corner_pos=corner_pos,
-        friction=float(friction),
-        restitution=float(restitution),
         width=1.0 if width is None else float(width),
         tags=tuple(tags),
         mjcf=text,
-        compliance=float(compliance),
-        relaxation=float(relaxation),
-        cohesion=float(cohesion),
         joint_law=_joint_law(m),
         roundness=roundness,
+        **{"restitution": 0.0, **stated},
     )
     if width is not None:
         return model
     low, high = model.extent(int(corner_body[0]))
     return model.with_changes(width=float((high - low).max()))
+
+
+def _joints(m: mujoco.MjModel) -> tuple[NDArray[np.int64], Array, Array]:
+    """Kind, anchor [m] and axis of each body's joint, in the body's frame: a free base, then hinges and slides."""
+    n = m.nbody - 1
+    kinds, pos, axes = np.zeros(n, dtype=np.int64), np.zeros((n, 3)), np.tile([0.0, 0.0, 1.0], (n, 1))
+    for body in range(n):
+        name, count = m.body(body + 1).name, int(m.body_jntnum[body + 1])
+        first = int(m.body_jntadr[body + 1])
+        kind = mujoco.mjtJoint(m.jnt_type[first]) if count == 1 else None
+        if body == 0:
+            if kind != mujoco.mjtJoint.mjJNT_FREE:
+                raise ObjectError(f"the base '{name}' needs one free joint")
+            continue
+        if kind not in _JOINTS:
+            raise ObjectError(f"body '{name}' needs exactly one hinge or slide joint to its parent")
+        _refuse_joint(m, first)
+        kinds[body], pos[body], axes[body] = _JOINTS[kind], m.jnt_pos[first], m.jnt_axis[first]
+    return kinds, pos, axes
 
 
 def _joint_law(m: mujoco.MjModel) -> JointLaw:

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import ObjectError
-from tossid.objects.roundness import Roundness
-from tossid.objects.roundness import directions as directions_over_sphere
+from tossid.objects.roundness import Roundness, directions, farthest
 from tossid.settings.limits import VALUES
 
 Array = NDArray[np.float64]
@@ -135,29 +134,22 @@ class ObjectModel:
     roundness: Roundness | None = None
 
     def __post_init__(self) -> None:
-        scalars = (
-            ("friction", "", VALUES.friction),
-            ("restitution", "", 1.0),
-            ("compliance", " m/N", VALUES.contact),
-            ("relaxation", " s", VALUES.contact),
-            ("cohesion", " N", VALUES.contact),
-        )
-        for name, unit, limit in scalars:
+        limits = {
+            "friction": ("", VALUES.friction),
+            "restitution": ("", 1.0),
+            "compliance": (" m/N", VALUES.contact),
+            "relaxation": (" s", VALUES.contact),
+            "cohesion": (" N", VALUES.contact),
+        }
+        for name, (unit, limit) in limits.items():
             value = getattr(self, name)
             if not 0 <= value <= limit:
                 raise ObjectError(f"object '{self.name}': {name} is {value}{unit}, expected 0 to {limit:g}{unit}")
         if not 0 < self.width <= VALUES.length:
             raise ObjectError(f"object '{self.name}': width is {self.width} m, expected up to {VALUES.length:g} m")
-        largest_inertia = VALUES.mass * VALUES.length**2
-        arrays = (
-            ("mass", "kg", VALUES.mass),
-            ("com", "m", VALUES.length),
-            ("inertia", "kg m²", largest_inertia),
-            ("corner_pos", "m", VALUES.length),
-            ("body_pos", "m", VALUES.length),
-            ("joint_pos", "m", VALUES.length),
-        )
-        for name, unit, limit in arrays:
+        lengths = dict.fromkeys(("com", "corner_pos", "body_pos", "joint_pos"), ("m", VALUES.length))
+        largest = {"mass": ("kg", VALUES.mass), "inertia": ("kg m²", VALUES.mass * VALUES.length**2), **lengths}
+        for name, (unit, limit) in largest.items():
             size = np.abs(getattr(self, name)).max(initial=0.0)
             if not size <= limit:  # NaN, too
                 raise ObjectError(
@@ -217,39 +209,23 @@ class ObjectModel:
         return 0.5 * (low + high)
 
     def extent(self, body: int = 0) -> tuple[Array, Array]:
-        """How far a body reaches along the axes of its frame: lowest and highest coordinates (3,) [m].
-
-        Args:
-            body: With corners.
-        """
-        if self.roundness is None:
-            own = self.corner_pos[self.corner_body == body]
-            return own.min(axis=0), own.max(axis=0)
+        """How far a body with corners reaches along the axes of its frame: lowest and highest coordinates (3,) [m]."""
         low, high = (self.support(sign * np.eye(3), body).max(axis=1) for sign in (-1.0, 1.0))
         return -low, high
 
-    def support(self, directions: Array, body: int = 0) -> Array:
+    def support(self, ways: Array, body: int = 0) -> Array:
         """How far each corner of a body reaches in some directions: (k, n) [m].
 
         Args:
-            directions: (k, 3) in the body's axes, unit.
+            ways: (k, 3) directions in the body's axes, unit.
             body: With corners.
         """
-        out: Array = np.einsum("ki,kci->kc", directions, self.farthest(directions, body))
+        out: Array = np.einsum("ki,kci->kc", ways, self._farthest(ways, body))
         return out
 
-    def farthest(self, directions: Array, body: int = 0) -> Array:
-        """The farthest point of each corner of a body in some directions: (k, n, 3) in its frame [m].
-
-        Args:
-            directions: (k, 3) in the body's axes, unit.
-            body: With corners.
-        """
+    def _farthest(self, ways: Array, body: int) -> Array:
         own = self.corner_body == body
-        at = np.broadcast_to(self.corner_pos[own], (len(directions), int(own.sum()), 3))
-        if self.roundness is None:
-            return at
-        return at + self.roundness.of(own).offset(np.broadcast_to(directions[:, None], at.shape))
+        return farthest(self.corner_pos[own], None if self.roundness is None else self.roundness.of(own), ways)
 
     def hull_points(self, body: int = 0) -> Array:
         """Points whose hull a body is: its corners, or of a round one many points of its surface. (n, 3) [m].
@@ -274,13 +250,13 @@ class ObjectModel:
         """
         if self.roundness is None:
             return self
-        ways, bodies = directions_over_sphere(count), sorted(set(self.corner_body.tolist()))
-        every = [self.farthest(ways, body) for body in bodies]
-        farthest = [np.einsum("ki,kci->kc", ways, points).argmax(axis=1) for points in every]
+        ways, bodies = directions(count), np.unique(self.corner_body)
+        points = []
+        for body in bodies:
+            each = self._farthest(ways, body)
+            points.append(each[np.arange(count), np.einsum("ki,kci->kc", ways, each).argmax(axis=1)])
         return self.with_changes(
-            corner_body=np.repeat(np.array(bodies, dtype=np.int64), count),
-            corner_pos=np.concatenate([p[np.arange(count), k] for p, k in zip(every, farthest, strict=True)]),
-            roundness=None,
+            corner_body=np.repeat(bodies, count), corner_pos=np.concatenate(points), roundness=None
         )
 
     def resized(self, size: float) -> ObjectModel:

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import os
-from dataclasses import asdict, fields
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import yaml
 
-from tossid.errors import ConfigError, FileError, ObjectError, brief
+from tossid.errors import ConfigError, FileError, ObjectError
 from tossid.objects.model import ObjectModel
 from tossid.objects.references import check_model_file, inside
+from tossid.settings.kinds import convert, to_plain
 from tossid.settings.objects import ObjectSettings
-from tossid.yaml_files import number, read_yaml
-
-_LONGEST_NAME = 255
-"""Bytes of a file's name."""
+from tossid.yaml_files import read_yaml
 
 
 def write_object(model: ObjectModel, mjcf: str, folder: Path) -> None:
@@ -35,9 +31,8 @@ def write_object(model: ObjectModel, mjcf: str, folder: Path) -> None:
         width=model.width,
         tags=Path("tagslam.yaml") if model.tags else None,
     )
-    values = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(settings).items()}
     (folder / "object.xml").write_text(mjcf, encoding="utf-8")
-    (folder / "object.yaml").write_text(yaml.safe_dump(values, sort_keys=False))
+    (folder / "object.yaml").write_text(yaml.safe_dump(to_plain(settings), sort_keys=False))
 
 
 def recorded_object(folder: Path) -> ObjectSettings | None:
@@ -49,36 +44,14 @@ def recorded_object(folder: Path) -> ObjectSettings | None:
     file = folder / "object.yaml"
     if not file.exists():
         return None
-    values = read_yaml(file)
-    if strange := sorted(set(map(str, values)) - {field.name for field in fields(ObjectSettings)}):
-        raise FileError(file, f"does not describe an object: {strange[0]} is no setting of one")
     try:
-        settings = ObjectSettings(
-            name=_text(file, "name", values.get("name")),
-            path=_own_file(file, "path", values.get("path")),
-            friction=number(file, "friction", values.get("friction")),
-            restitution=number(file, "restitution", values.get("restitution")),
-            width=None if values.get("width") is None else number(file, "width", values["width"]),
-            tags=None if values.get("tags") is None else _own_file(file, "tags", values["tags"]),
-        )
-    except ConfigError as error:
+        values = read_yaml(file)
+        settings: ObjectSettings = convert(ObjectSettings, values, key="")
+        convert(Path, settings.name, key="name")  # files are called after it
+        tags = None if settings.tags is None else inside(folder, str(values["tags"]))
+        settings = replace(settings, path=inside(folder, str(values["path"])), tags=tags)
+    except (ConfigError, ObjectError) as error:
         raise FileError(file, f"does not describe an object: {error}") from error
     if settings.path.exists():
         check_model_file(settings.path, own_folder=folder)
     return settings
-
-
-def _own_file(file: Path, key: str, value: Any) -> Path:
-    """A file that object.yaml names: one in its own folder."""
-    try:
-        return inside(file.parent, _text(file, key, value))
-    except ObjectError as error:
-        raise FileError(file, f"{key}: {error}") from error
-
-
-def _text(file: Path, key: str, value: Any) -> str:
-    """A name that a file could have."""
-    usable = isinstance(value, str) and value and "\0" not in value
-    if not usable or any(len(os.fsencode(part)) > _LONGEST_NAME for part in Path(value).parts):
-        raise FileError(file, f"does not describe an object: {key} is {brief(value)}, expected text")
-    return str(value)

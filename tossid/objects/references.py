@@ -43,17 +43,13 @@ _DEPTH = 64
 
 
 @dataclass
-class _Asked:
-    """What a model's text asks for."""
+class _Claims:
+    """What a text asks for: files by element and name, folders, elements with all copies, and amounts by kind."""
 
     files: list[tuple[str, str]] = field(default_factory=list)
-    """element and name of each file"""
     folders: set[str] = field(default_factory=set)
-    """folders of meshes and textures"""
     elements: float = 0
-    """elements, with all copies"""
     amounts: dict[str, float] = field(default_factory=dict)
-    """what elements claim beside themselves, by kind"""
 
 
 def check_alone(text: str) -> None:
@@ -65,9 +61,9 @@ def check_alone(text: str) -> None:
     Raises:
         ObjectError: It does.
     """
-    asked = _asked(text, outside=True)
-    if asked.files or asked.folders:
-        name = asked.files[0][1] if asked.files else min(asked.folders)
+    claims = _claims(text, outside=True)
+    if claims.files or claims.folders:
+        name = claims.files[0][1] if claims.files else min(claims.folders)
         raise ObjectError(f"it names another file or folder ({brief(name)}), expected a model that stands alone")
 
 
@@ -136,11 +132,11 @@ def check_model_file(path: Path, *, own_folder: Path | None = None) -> list[str]
         budget.check_claim(file, "bytes of a model", budget.regular_size(file), budget.limits().model_text)
         try:
             texts.append(file.read_text(encoding="utf-8"))
-            asked = _asked(texts[-1], outside=own_folder is not None)
-            elements += asked.elements
-            folders |= asked.folders
+            claims = _claims(texts[-1], outside=own_folder is not None)
+            elements += claims.elements
+            folders |= claims.folders
             budget.check_claim(path, "elements", elements, budget.limits().elements)
-            for kind, name in asked.files:
+            for kind, name in claims.files:
                 if kind in _MODELS:
                     waiting += _existing(name, {""}, {path.parent, file.parent}, own_folder)
                 else:
@@ -239,33 +235,37 @@ def check_data(path: Path) -> None:
         budget.check_pixels(path, int.from_bytes(head[16:20]), int.from_bytes(head[20:24]))
 
 
-def _asked(text: str, *, outside: bool) -> _Asked:
+def _claims(text: str, *, outside: bool) -> _Claims:
     """What a text asks for.
 
     Raises:
         ObjectError: It is no XML, or asks for too much.
     """
+    limits = budget.limits()
     size = len(text.encode("utf-8", "surrogatepass"))
-    if size > budget.limits().model_text:
-        raise ObjectError(f"it holds {size} bytes, expected at most {budget.limits().model_text}")
-    found, copies = _Asked(), [1.0]
+    if size > limits.model_text:
+        raise ObjectError(f"it holds {size} bytes, expected at most {limits.model_text}")
+    claims, copies = _Claims(), [1.0]
 
     def start(element: str, attributes: dict[str, str]) -> None:
         name, given = element.lower(), {key.lower(): value for key, value in attributes.items()}
         if outside and name in _CODE | _COPIES:
             raise ObjectError(f"it has an element <{brief(element)[1:-1]}>, which models from outside may not have")
-        count = copies[-1] * _copies(name, given)
-        copies.append(count)
-        found.elements += count
-        if found.elements > budget.limits().elements or len(copies) > _DEPTH:
-            claimed = f"{found.elements:.3g} elements, {len(copies) - 1} inside one another"
-            raise ObjectError(f"it claims {claimed}; expected at most {budget.limits().elements}, {_DEPTH} deep")
-        _check_amounts(found, name, given)
+        copied = name in _COPIES | {"replicate"}
+        copies.append(copies[-1] * (_product(given.get("count", "1")) if copied else 1.0))
+        claims.elements += copies[-1]
+        if claims.elements > limits.elements or len(copies) > _DEPTH:
+            claimed = f"{claims.elements:.3g} elements, {len(copies) - 1} inside one another"
+            raise ObjectError(f"it claims {claimed}; expected at most {limits.elements}, {_DEPTH} deep")
+        for what, amount, limit in _amounts(name, given):
+            total = claims.amounts[what] = claims.amounts.get(what, 0.0) + amount
+            if not total <= limit:
+                raise ObjectError(f"it claims {total:.10g} {what}, expected at most {limit:.10g}")
         for key, value in given.items():
             if key in _FOLDERS:
-                found.folders.add(value)
+                claims.folders.add(value)
             elif key.startswith("file"):
-                found.files.append((name, value))
+                claims.files.append((name, value))
 
     def doctype(*_: object) -> None:
         raise ObjectError("it declares a document type, which no model needs")
@@ -280,45 +280,37 @@ def _asked(text: str, *, outside: bool) -> _Asked:
     except (expat.ExpatError, ValueError) as error:
         if outside:
             raise ObjectError(f"it is not valid XML: {error}") from error
-    return found
+    return claims
 
 
-def _copies(name: str, given: dict[str, str]) -> float:
-    """How often an element's content is made."""
-    if name not in ("replicate", "composite", "flexcomp"):
-        return 1.0
-    return math.prod(max(1.0, number) for number in _numbers(given.get("count", "1")))
-
-
-def _check_amounts(asked: _Asked, name: str, given: dict[str, str]) -> None:
-    """Refuse amounts that MuJoCo would make room for, of all elements together."""
-
-    def largest(*keys: str) -> float:
-        return max([0.0, *(n for key in keys for n in _numbers(given.get(key, "0")))])
-
+def _amounts(name: str, given: dict[str, str]) -> Iterator[tuple[str, float, float]]:
+    """What MuJoCo would make room for: kind, amount, and limit of all elements together."""
     pixels = float(budget.limits().pixels)
-    claims: list[tuple[str, float, float]] = []
+
+    def largest(key: str) -> float:
+        return max([0.0, *_numbers(given.get(key, "0"))])
+
     if name == "texture":
-        width, height = largest("width"), largest("height")
-        claims = [("pixels of textures", width * max(height, 6.0 * width), pixels)]
+        yield "pixels of textures", largest("width") * max(largest("height"), 6.0 * largest("width")), pixels
     elif name == "hfield":
-        claims = [("heights", largest("nrow") * largest("ncol"), pixels / _HEIGHT)]
+        yield "heights", largest("nrow") * largest("ncol"), pixels / _HEIGHT
     elif name == "numeric":
-        claims = [("numbers", largest("size"), pixels / _NUMBER)]
+        yield "numbers", largest("size"), pixels / _NUMBER
     elif name == "user":
-        claims = [("numbers of sensors", largest("dim"), pixels / _NUMBER)]
+        yield "numbers of sensors", largest("dim"), pixels / _NUMBER
     elif name == "mesh" and "builtin" in given:
-        parts = math.prod(max(1.0, n) for n in _numbers(given.get("params", "0")))
-        claims = [("parts of built-in meshes", parts, float(budget.limits().corners))]
+        yield "parts of built-in meshes", _product(given.get("params", "0")), float(budget.limits().corners)
     elif name == "size":
-        claims = [("bytes of MuJoCo's memory", largest("memory"), float(_MEMORY))]
-        claims += [("rows of MuJoCo's memory", largest(key), _MEMORY / _ROW) for key in _ROWS & given.keys()]
-        others = given.keys() - _ROWS - {"memory"}
-        claims += [(f"'{key}'", largest(key), float(budget.limits().elements)) for key in sorted(others)]
-    for what, claimed, limit in claims:
-        total = asked.amounts[what] = asked.amounts.get(what, 0.0) + claimed
-        if not total <= limit:
-            raise ObjectError(f"it claims {total:.10g} {what}, expected at most {limit:.10g}")
+        yield "bytes of MuJoCo's memory", largest("memory"), float(_MEMORY)
+        for key in sorted(given.keys() - {"memory"}):
+            rows = ("rows of MuJoCo's memory", _MEMORY / _ROW)
+            what, limit = rows if key in _ROWS else (f"'{key}'", float(budget.limits().elements))
+            yield what, largest(key), limit
+
+
+def _product(text: str) -> float:
+    """Product of the numbers in an attribute that are more than one."""
+    return math.prod(max(1.0, number) for number in _numbers(text))
 
 
 def _numbers(text: str) -> Iterator[float]:

@@ -1,7 +1,7 @@
-"""Round shapes from nothing but poses over the ground, beside the polytope of `convex_shape`.
+"""Round shapes from nothing but poses over the ground, beside the polytope of `tossid.objects.polytope`.
 
-Contact shows the support function h(d) of an object (`convex_shape`). Of a round one, a polytope needs ever more
-vertices. Two families of few numbers stand beside it:
+Contact shows the support function h(d) of an object. Of a round one, a polytope needs ever more vertices. Two families
+of few numbers stand beside it:
 
 - an ellipsoid, h(d) = c . d + |Lᵀ d|;
 - what a ball of radius r sweeps over a cylinder of axis n, half length l and radius ρ,
@@ -14,33 +14,16 @@ Each is fitted to the frames by the loss of the polytope, and the Bayesian infor
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.objects.roundness import RIM, Roundness, ball, directions, disc, ellipsoid, joined
-from tossid.settings.objects import ShapeSettings
+from tossid.objects.half_spaces import HalfSpaces
+from tossid.objects.polytope import CONVERGED, FIRST_GAP, GAP, ITERATIONS, loss_of, touching, weights_of
+from tossid.objects.roundness import RIM, Roundness, ball, directions, disc, ellipsoid, farthest, joined
 
 Array = NDArray[np.float64]
-Loss = Callable[[Array, NDArray[np.bool_], float, ShapeSettings], Array]
-"""Loss, or weight, of each gap (n,), given which frames fly freely and its scale above the ground [m]."""
-
-
-class Frames(Protocol):
-    """Frames near the ground, see `convex_shape.HalfSpaces`."""
-
-    @property
-    def down(self) -> Array:
-        """(n, 3) the downward direction in the body's frame."""
-
-    @property
-    def height(self) -> Array:
-        """(n,) of the body's origin [m]."""
-
-    @property
-    def free(self) -> NDArray[np.bool_]:
-        """(n,) whether the frame is in free flight."""
 
 
 class RoundShape(NamedTuple):
@@ -75,90 +58,59 @@ class _Family(NamedTuple):
     corners: Callable[[Array], tuple[Array, Roundness]]
 
 
-def round_shapes(
-    spaces: Frames, hull: Array, settings: ShapeSettings, *, loss: Loss, weights: Loss
-) -> Iterator[RoundShape]:
+def support(corner_pos: Array, roundness: Roundness, ways: Array) -> Array:
+    """How far round corners (n_c, 3) reach in some directions (k, 3), unit: (k,) [m]."""
+    return np.asarray(np.einsum("ki,kci->kc", ways, farthest(corner_pos, roundness, ways)).max(axis=1))
+
+
+def round_shapes(spaces: HalfSpaces, hull: Array) -> Iterator[RoundShape]:
     """Round shapes that were fitted to frames.
 
     Args:
         spaces: Frames near the ground.
         hull: (m, 3) vertices of the outer hull [m].
-        settings: Noise, scales and iterations.
-        loss: Of gaps.
-        weights: Of the least squares with the same gradient.
 
     Yields:
         One of each family and each start that leads somewhere.
     """
-    down, height, free = spaces.down, spaces.height, spaces.free
     for family in _families(hull):
-        p, scale = family.start.copy(), settings.first_gap
-        for _ in range(2 * settings.iterations):
-            scale = max(settings.gap, 0.85 * scale)
-            r, J = height - family.support(p, down), _slope(family, p, down)
-            w = weights(r, free, scale, settings)
-            H = J.T @ (w[:, None] * J)
-            step = np.linalg.solve(H + 1e-6 * np.diag(np.diag(H)) + 1e-9 * np.eye(len(p)), J.T @ (w * r))
-            p += step * min(1.0, settings.first_gap * 3 / max(float(np.abs(J @ step).max()), 1e-12))
-            if scale == settings.gap and np.abs(J @ step).max() < settings.converged:
-                break
-        r, J = height - family.support(p, down), _slope(family, p, down)
-        if not np.isfinite(r).all():
+        p = _fitted(family, spaces)
+        gap = spaces.height - family.support(p, spaces.down)
+        if not np.isfinite(gap).all():
             continue
-        J = J[(np.abs(r) < settings.contact_gap) & ~free]
+        J = _slope(family, p, spaces.down[touching(gap, spaces.free)])
         if len(J) < 3 * len(p):
             continue
-        corners, roundness = family.corners(p)
+        loss = float(loss_of(gap, spaces.free, GAP).sum())
         covariance: Array = np.asarray(np.linalg.pinv(J.T @ J), dtype=float)
 
         def slope(ways: Array, family: _Family = family, p: Array = p) -> Array:
             return _slope(family, p, ways)
 
-        yield RoundShape(
-            family.kind,
-            corners,
-            roundness,
-            len(p),
-            r,
-            float(loss(r, free, settings.gap, settings).sum()),
-            covariance,
-            slope,
-        )
+        yield RoundShape(family.kind, *family.corners(p), len(p), gap, loss, covariance, slope)
 
 
-def support(corner_pos: Array, roundness: Roundness, ways: Array) -> Array:
-    """How far round corners reach in some directions [m], (k,).
-
-    Args:
-        corner_pos: (n_c, 3) [m].
-        roundness: What stands there.
-        ways: (k, 3), unit.
-    """
-    along = ways[:, None] * np.ones((1, len(corner_pos), 1))
-    return np.asarray(np.einsum("ki,kci->kc", ways, corner_pos + roundness.offset(along)).max(axis=1))
-
-
-def surface(corner_pos: Array, roundness: Roundness, ways: Array) -> Array:
-    """The farthest points of round corners in some directions [m], (k, 3).
-
-    Args:
-        corner_pos: (n_c, 3) [m].
-        roundness: What stands there.
-        ways: (k, 3), unit.
-    """
-    points = corner_pos + roundness.offset(ways[:, None] * np.ones((1, len(corner_pos), 1)))
-    lowest = np.einsum("ki,kci->kc", ways, points).argmax(axis=1)
-    return np.asarray(points[np.arange(len(ways)), lowest])
+def _fitted(family: _Family, spaces: HalfSpaces) -> Array:
+    """The numbers of a family that fit frames best, by reweighted least squares with steps of limited length."""
+    p, scale = family.start.copy(), FIRST_GAP
+    for _ in range(2 * ITERATIONS):
+        scale = max(GAP, 0.85 * scale)
+        r, J = spaces.height - family.support(p, spaces.down), _slope(family, p, spaces.down)
+        w = weights_of(r, spaces.free, scale)
+        H = J.T @ (w[:, None] * J)
+        step = np.linalg.solve(H + 1e-6 * np.diag(np.diag(H)) + 1e-9 * np.eye(len(p)), J.T @ (w * r))
+        change = float(np.abs(J @ step).max())
+        p += step * min(1.0, FIRST_GAP * 3 / max(change, 1e-12))
+        if scale == GAP and change < CONVERGED:
+            break
+    return p
 
 
 def _slope(family: _Family, p: Array, ways: Array) -> Array:
     """Derivative (k, n) of the support function, by central differences."""
-    J, step = np.empty((len(ways), len(p))), 1e-6
-    for i in range(len(p)):
-        e = np.zeros(len(p))
-        e[i] = step
-        J[:, i] = (family.support(p + e, ways) - family.support(p - e, ways)) / (2 * step)
-    return J
+    steps = 1e-6 * np.eye(len(p))
+    columns = [(family.support(p + e, ways) - family.support(p - e, ways)) / 2e-6 for e in steps]
+    return np.column_stack(columns)
 
 
 def _families(hull: Array) -> Iterator[_Family]:
@@ -188,16 +140,18 @@ def _families(hull: Array) -> Iterator[_Family]:
             yield _swept(kind, middle, frame, sizes)
 
 
-def _ellipsoid_support(p: Array, ways: Array) -> Array:
+def _lower_triangle(numbers: Array) -> Array:
     L = np.zeros((3, 3))
-    L[np.tril_indices(3)] = p[3:]
-    return np.asarray(ways @ p[:3] + np.linalg.norm(ways @ L, axis=1))
+    L[np.tril_indices(3)] = numbers
+    return L
+
+
+def _ellipsoid_support(p: Array, ways: Array) -> Array:
+    return np.asarray(ways @ p[:3] + np.linalg.norm(ways @ _lower_triangle(p[3:]), axis=1))
 
 
 def _ellipsoid_corners(p: Array) -> tuple[Array, Roundness]:
-    L = np.zeros((3, 3))
-    L[np.tril_indices(3)] = p[3:]
-    axes, sizes, _ = np.linalg.svd(L)
+    axes, sizes, _ = np.linalg.svd(_lower_triangle(p[3:]))
     return p[None, :3].copy(), ellipsoid(sizes, axes)
 
 

@@ -126,6 +126,18 @@ def joined(parts: list[Roundness]) -> Roundness:
     return Roundness(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
+def farthest(corner_pos: Array, roundness: Roundness | None, ways: Array) -> Array:
+    """The farthest point of each corner in some directions: (k, n_c, 3) [m].
+
+    Args:
+        corner_pos: (n_c, 3) [m].
+        roundness: What stands there; None for points.
+        ways: (k, 3) directions, unit.
+    """
+    at = np.broadcast_to(corner_pos, (len(ways), *corner_pos.shape))
+    return at if roundness is None else at + roundness.offset(np.broadcast_to(ways[:, None], at.shape))
+
+
 def directions(count: int) -> Array:
     """Directions spread evenly over the sphere (Fibonacci's lattice), (count, 3).
 

@@ -21,10 +21,21 @@ from scipy.optimize import linear_sum_assignment
 from tossid.errors import InputError
 from tossid.objects.convex_shape import ConvexShape, find_shape
 from tossid.objects.half_spaces import HalfSpaces, different, half_spaces, outer_hull, protrusion
-from tossid.settings.objects import EvidenceSettings, ShapeSettings
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
+
+_TIGHT = 0.05
+"""A frame is tight when its gap to the outer hull is below this share of the radius of the largest ball inside."""
+_MISSING = 0.1
+"""Share of that radius by which all corners may stay above the ground in a tight frame, and by which a corner may be
+off one that the tosses show."""
+_OUTSIDE = 0.25
+"""Share of that radius by which a corner may be below the ground in some frame; real ones sink at impacts."""
+_UNEXPLAINED = 2e-3
+"""Share of the tight frames that corners may leave unexplained."""
+_FEWEST_SHOWN = 5
+"""Different contacts that show a corner."""
 
 
 class ShapeEvidence:
@@ -32,26 +43,16 @@ class ShapeEvidence:
 
     Args:
         tosses: In any body frame, over the ground z = 0, with true lengths.
-        settings: What counts as a contradiction.
-        find: How a shape is found where corners are contradicted.
         shape: The shape that the tosses show, where it is known.
 
     Raises:
         InputError: The frames do not bound the object.
     """
 
-    def __init__(
-        self,
-        tosses: Sequence[Toss],
-        settings: EvidenceSettings | None = None,
-        *,
-        find: ShapeSettings | None = None,
-        shape: ConvexShape | None = None,
-    ) -> None:
-        self.settings, self._find = settings or EvidenceSettings(), find or ShapeSettings()
-        self._asked, self._shape = _Asked.of(tuple(tosses), self._find), shape
-        self.radius, spaces, gap = _bounds_by(self._asked)
-        self._tight = spaces.chosen(gap < self.settings.tight_rel * self.radius)
+    def __init__(self, tosses: Sequence[Toss], *, shape: ConvexShape | None = None) -> None:
+        self._poses, self._shape = _Poses.of(tuple(tosses)), shape
+        self.radius, spaces, gap = _bounds_of(self._poses)
+        self._tight = spaces.chosen(gap < _TIGHT * self.radius)
 
     @cached_property
     def shape(self) -> ConvexShape:
@@ -60,7 +61,7 @@ class ShapeEvidence:
         Raises:
             InputError: There is too little contact in them.
         """
-        return _shown_by(self._asked) if self._shape is None else self._shape
+        return _shape_of(self._poses) if self._shape is None else self._shape
 
     def unexplained(self, corners: Array) -> float:
         """Share of the tight frames in which all corners are well above the ground.
@@ -69,7 +70,7 @@ class ShapeEvidence:
             corners: (n, 3) in the body's frame [m].
         """
         gap = self._tight.height - (self._tight.down @ corners.T).max(axis=1)
-        return float((gap > self.settings.missing_rel * self.radius).mean())
+        return float((gap > _MISSING * self.radius).mean())
 
     def outside(self, corners: Array) -> NDArray[np.bool_]:
         """Marks corners (n,) that some frame would put well below the ground.
@@ -78,7 +79,7 @@ class ShapeEvidence:
             corners: (n, 3) in the body's frame [m].
         """
         depth = (corners @ self._tight.down.T - self._tight.height).max(axis=1)
-        return np.asarray(depth > self.settings.outside_rel * self.radius)
+        return np.asarray(depth > _OUTSIDE * self.radius)
 
     def shown(self) -> Array:
         """Corners (m, 3) that contacts show, each often and surely enough [m]; none where there is no shape."""
@@ -86,8 +87,8 @@ class ShapeEvidence:
             shape = self.shape
         except InputError:
             return np.zeros((0, 3))
-        sure = shape.deviation < self.settings.missing_rel * self.radius
-        return shape.vertices[(shape.frames >= self.settings.fewest_shown) & sure]
+        sure = shape.deviation < _MISSING * self.radius
+        return shape.vertices[(shape.frames >= _FEWEST_SHOWN) & sure]
 
     def missing(self, corners: Array) -> Array:
         """Shown corners (m, 3) that lie well outside the hull of corners [m].
@@ -97,11 +98,10 @@ class ShapeEvidence:
         Args:
             corners: (n, 3) in the body's frame [m].
         """
-        if self.unexplained(corners) <= self.settings.unexplained_share:
+        if self.unexplained(corners) <= _UNEXPLAINED:
             return np.zeros((0, 3))
         shown = self.shown()
-        beyond = np.array([protrusion(point, corners) for point in shown])
-        return np.asarray(shown[beyond > self.settings.missing_rel * self.radius])
+        return np.asarray(shown[protrusion(shown, corners) > _MISSING * self.radius])
 
     def contradiction(self, corners: Array) -> str | None:
         """What is wrong with corners, in words; None where nothing is.
@@ -112,13 +112,13 @@ class ShapeEvidence:
         missing, outside = len(self.missing(corners)), int(self.outside(corners).sum())
         found = []
         if missing:
-            share, reach = self.unexplained(corners), 1e3 * self.settings.missing_rel * self.radius
+            share, reach = self.unexplained(corners), 1e3 * _MISSING * self.radius
             found.append(
                 f"contacts show {missing} corners more than {reach:.0f} mm outside the learned ones, which leave "
                 f"{100 * share:.1f} % of the frames near the ground unexplained"
             )
         if outside:
-            reach = 1e3 * self.settings.outside_rel * self.radius
+            reach = 1e3 * _OUTSIDE * self.radius
             found.append(f"{outside} learned corners lie more than {reach:.0f} mm below the ground in some frame")
         return "; ".join(found) or None
 
@@ -140,7 +140,7 @@ class ShapeEvidence:
             return corners.copy()
         distance = np.linalg.norm(corners[:, None] - shown[None], axis=-1)
         moved, (own, other) = corners.copy(), linear_sum_assignment(distance)
-        far = (distance[own, other] > self.settings.missing_rel * self.radius) | every
+        far = (distance[own, other] > _MISSING * self.radius) | every
         moved[own[far]] = shown[other[far]]
         alone = self.outside(moved)
         moved[alone] = shown[distance[alone].argmin(axis=1)]
@@ -148,31 +148,30 @@ class ShapeEvidence:
 
 
 @dataclass(frozen=True)
-class _Asked:
-    """The poses in which a shape is looked for, which the digest stands for, and how."""
+class _Poses:
+    """Poses, for which their digest stands."""
 
     digest: bytes
-    settings: ShapeSettings
     tosses: tuple[Toss, ...] = field(compare=False)
 
     @staticmethod
-    def of(tosses: tuple[Toss, ...], settings: ShapeSettings) -> _Asked:
+    def of(tosses: tuple[Toss, ...]) -> _Poses:
         found = hashlib.sha256()
         for toss in tosses:
             found.update(len(toss.q).to_bytes(8, "little") + np.ascontiguousarray(toss.q).tobytes())
-        return _Asked(found.digest(), settings, tosses)
+        return _Poses(found.digest(), tosses)
 
 
 @lru_cache(maxsize=4)
-def _shown_by(asked: _Asked) -> ConvexShape:
+def _shape_of(poses: _Poses) -> ConvexShape:
     """The shape, found once for the trainings of a study, which learn from the same tosses."""
-    return find_shape(asked.tosses, asked.settings)
+    return find_shape(poses.tosses)
 
 
 @lru_cache(maxsize=4)
-def _bounds_by(asked: _Asked) -> tuple[float, HalfSpaces, Array]:
+def _bounds_of(poses: _Poses) -> tuple[float, HalfSpaces, Array]:
     """How far the outer hull reaches [m], frames that differ, and their gaps to it (n,) [m]; found once as well."""
-    every = half_spaces(asked.tosses)
-    _, radius, outer = outer_hull(every, asked.settings)
-    spaces = every.chosen(different(every, asked.settings))
+    every = half_spaces(poses.tosses)
+    _, radius, outer = outer_hull(every)
+    spaces = every.chosen(different(every))
     return radius, spaces, spaces.height - (spaces.down @ outer.T).max(axis=1)

@@ -160,12 +160,12 @@ def _shapes(
 ) -> tuple[tuple[ConvexShape, ...], tuple[NDArray[np.int64], ...]]:
     """The shape of each link, and how many contacts show each of its corners alone."""
     if not tree.n_joints:
-        shape = find_shape(tosses, settings.shape, flying=flying)
+        shape = find_shape(tosses, flying=flying)
         return (shape,), (shape.frames,)
     links = body_tracks(tree, tosses)
     axes = [quat_rotate(tree.body_quat[1], tree.joint_axis[1]), tree.joint_axis[1]]
-    shapes = find_linked_shapes(links, axes, settings.shape, flying=flying)
-    return shapes, tuple(contacts_alone(links, shapes, settings.shape))
+    shapes = find_linked_shapes(links, axes, flying=flying)
+    return shapes, tuple(contacts_alone(links, shapes))
 
 
 def _filled(

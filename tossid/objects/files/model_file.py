@@ -19,12 +19,9 @@ from typing import NamedTuple
 import mujoco
 
 from tossid.errors import FileError
-from tossid.objects.files.obj import read_obj
-from tossid.objects.files.stl import read_stl
+from tossid.objects.files.mesh import read_mesh
 from tossid.objects.references import check_data, check_model_file, located
 
-_READERS = {".obj": read_obj, ".stl": read_stl}
-"""What reads a mesh that MuJoCo does not."""
 _TRIAL = "import sys; from tossid.objects.files import model_file; model_file.compile_quietly(sys.argv[1])"
 """What the process of its own runs."""
 
@@ -108,8 +105,7 @@ def _read(path: Path) -> ModelFile:
         if not file.exists():  # MuJoCo says so
             continue
         check_data(file)
-        reader = _READERS.get(file.suffix.lower())
-        read = None if reader is None else reader(file)
+        read = read_mesh(file)
         if read is not None:
             mesh.file, mesh.uservert, mesh.userface = "", read[0].ravel(), read[1].ravel()
         elif ":/" in mesh.file and not spec.strippath:

@@ -11,10 +11,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from tests.objects.meshes import KINDS, MJCF, divided_box, obj, scan, stl_in_words, urdf
-from tossid.errors import FileError
+from tests.objects.meshes import KINDS, MJCF, TURNED, divided_box, obj, scan, stl, stl_in_words, urdf
+from tests.store.makers import make_dataset
+from tossid.errors import FileError, ObjectError
 from tossid.objects import load_object
 from tossid.objects.files import model_file
+from tossid.objects.files.mesh import read_mesh
+from tossid.objects.files.outline import hull_vertices, outline
 from tossid.objects.roundness import directions
 from tossid.rotations import quat_to_matrix
 from tossid.store import open_dataset, write_dataset
@@ -115,8 +118,6 @@ def test_a_thin_sheet_loads(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("at_once")
 def test_a_dataset_carries_a_scan_without_its_files(tmp_path: Path) -> None:
-    from tests.store.makers import make_dataset
-
     path, _ = KINDS["scan, normals and texture"](tmp_path)
     model = load_object(path, friction=0.3)
     write_dataset(make_dataset(model, tosses=1), tmp_path / "tosses.h5")
@@ -193,3 +194,111 @@ def test_a_package_that_is_not_there_is_named(tmp_path: Path) -> None:
         load_object(urdf(tmp_path, "package://arm/box.stl"))
     with pytest.raises(FileError, match=r"thing\.urdf: MuJoCo cannot compile it.*'.*box\.stl'"):
         load_object(urdf(tmp_path, "box.stl"))
+
+
+# ---------------------------------------------------------------- what MuJoCo does not read
+
+
+def test_normals_of_some_corners_are_left_aside(tmp_path: Path) -> None:
+    vertices, triangles = scan(41, 100)
+    file = tmp_path / "scan.obj"
+    file.write_text(obj((vertices, triangles[:50]), normals=4) + obj((vertices[:0], triangles[50:])))
+    read = read_mesh(file)
+    assert read is not None
+    np.testing.assert_allclose(read[0], vertices, atol=1e-8)
+    np.testing.assert_array_equal(read[1], triangles)
+    # quads, and counts from the end
+    file.write_text("v 0 0 0 1 1 1\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvn 0 0 1\nf -4//1 -3//1 -2//1 -1\nv 0 0 1\nf 1 2 5\n")
+    read = read_mesh(file)
+    assert read is not None
+    assert read[0].shape == (5, 3)
+    np.testing.assert_array_equal(read[1], [[0, 1, 2], [0, 2, 3], [0, 1, 4]])
+
+
+def test_stl_in_words_and_of_many_faces_is_read_as_binary_is(tmp_path: Path) -> None:
+    vertices, triangles = scan(31, 200)
+    box, faces = divided_box(parts=10)
+    many = np.tile(faces, (200_001 // len(faces) + 1, 1))
+    text = stl_in_words((vertices, triangles))
+    for content, expected in (
+        (text.encode(), vertices[triangles]),
+        (text.upper().replace("\n", "\r\n").encode(), vertices[triangles]),
+        (stl((box, many)), box[many]),
+    ):
+        (tmp_path / "a.stl").write_bytes(content)
+        read = read_mesh(tmp_path / "a.stl")
+        assert read is not None
+        assert len(np.unique(read[0], axis=0)) == len(read[0])  # each vertex once
+        np.testing.assert_allclose(read[0][read[1]], expected, atol=1e-8)
+
+
+BINARY = stl(divided_box())
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        *(("a.obj", text.encode()) for text in (obj(divided_box()), obj(scan(1), normals=3), "")),
+        ("a.obj", obj(scan(1), normals=3, coordinates=9).encode()),
+        # a program may begin its binary files with the word of the others
+        *(("a.stl", content) for content in (BINARY, b"solid" + BINARY[5:], BINARY[:-7], b"")),
+    ],
+)
+def test_what_mujoco_reads_is_left_to_it(name: str, content: bytes, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(content)
+    assert read_mesh(tmp_path / name) is None
+
+
+OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\n{}\nf 1 2 3\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "says"),
+    [
+        ("a.obj", OBJ.format("f 1 2 9"), r", row 5: a face names vertex \[1, 2, 9\], of 3"),
+        ("a.obj", OBJ.format("f 1 x 2"), ", row 5: is no vertex"),
+        ("a.obj", OBJ.format("v 1 2"), ", row 5: is no vertex"),
+        ("a.stl", "solid a\nfacet\nvertex 0 0 0\nvertex 1 0 0\nendsolid", ": holds 2 vertices, expected three"),
+        ("a.stl", "solid a\nendsolid", ": holds 0 vertices"),
+        ("a.stl", "solid a\nvertex 0 0 x\nvertex 1 0 0\nvertex 1 1 0\nendsolid", ": .*no three numbers"),
+    ],
+)
+def test_a_damaged_mesh_is_refused(name: str, text: str, says: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(FileError, match=name + says):
+        read_mesh(tmp_path / name)
+
+
+# ---------------------------------------------------------------- the corners that stand out
+
+
+@pytest.mark.parametrize("size", [1e-3, 0.1, 50.0])
+def test_divided_faces_leave_the_box(size: float) -> None:
+    corners = size * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) @ TURNED
+    points = (divided_box((2 * size, 2 * size, 2 * size), 9)[0] @ TURNED).astype(np.float32).astype(float)
+    assert len(hull_vertices(points)) > 8  # single precision bends the faces
+    found = outline(points)
+    assert len(found) == 8
+    assert np.linalg.norm(found[:, None] - corners[None], axis=-1).min(axis=0).max() < 1e-6 * size
+
+
+def test_a_cylinder_keeps_its_rims() -> None:
+    angle = np.arange(48) * np.pi / 24
+    rings = [np.column_stack([0.03 * np.cos(angle), 0.03 * np.sin(angle), z + 0 * angle]) for z in (-0.04, 0.01, 0.04)]
+    assert len(outline(np.concatenate(rings))) == 96
+
+
+def test_of_a_ball_the_farthest_of_many_vertices_stay() -> None:
+    ball = 0.05 * directions(20_000)
+    found = outline(ball)
+    assert len(found) <= 2000
+    lower = reach(ball) - reach(found)
+    assert lower.min() >= -1e-12
+    assert lower.max() < 1e-3 * 0.1
+
+
+def test_what_spans_no_volume_is_refused() -> None:
+    flat = np.random.default_rng(0).normal(size=(30, 3)) * [1, 1, 0]
+    for points in (flat, flat[:3], flat[:1]):
+        with pytest.raises(ObjectError, match="span no volume"):
+            outline(points)
