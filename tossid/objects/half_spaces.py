@@ -66,9 +66,6 @@ def half_spaces(tosses: Sequence[Toss | PoseTrack], flying: Sequence[Bools] | No
 def outer_hull(spaces: HalfSpaces) -> tuple[Array, float, Array]:
     """The intersection of half-spaces: everything where the object may be.
 
-    Args:
-        spaces: At least four.
-
     Returns:
         Centre (3,) and radius [m] of the largest ball inside, and the vertices (m, 3), in the body's frame.
 

@@ -228,11 +228,7 @@ class ObjectModel:
         return farthest(self.corner_pos[own], None if self.roundness is None else self.roundness.of(own), ways)
 
     def hull_points(self, body: int = 0) -> Array:
-        """Points whose hull a body is: its corners, or of a round one many points of its surface. (n, 3) [m].
-
-        Args:
-            body: With corners.
-        """
+        """Points whose hull a body is: its corners, or of a round one many points of its surface. (n, 3) [m]."""
         points = self.as_points()
         own = points.corner_pos[points.corner_body == body]
         return own if self.roundness is None else np.unique(own.round(9), axis=0)

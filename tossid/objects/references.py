@@ -222,9 +222,6 @@ def _package_name(folder: Path) -> str | None:
 def check_data(path: Path) -> None:
     """Refuse a mesh or texture that is no regular file, or too large.
 
-    Args:
-        path: The file.
-
     Raises:
         FileError: It is.
     """

@@ -66,11 +66,7 @@ class Roundness(NamedTuple):
 
 
 def points(count: int) -> Roundness:
-    """Corners that are points.
-
-    Args:
-        count: How many.
-    """
+    """Corners that are points."""
     nothing = np.zeros((count, 3, 3))
     return Roundness(np.zeros(count), nothing, nothing.copy(), np.tile([1.0, 0.0, 0.0], (count, 1)))
 
@@ -118,11 +114,7 @@ def disc(radius: float, axis: ArrayLike, edge: float = 0.0) -> Roundness:
 
 
 def joined(parts: list[Roundness]) -> Roundness:
-    """Corners of several parts as one list.
-
-    Args:
-        parts: At least one.
-    """
+    """Corners of several parts as one list."""
     return Roundness(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
@@ -139,11 +131,7 @@ def farthest(corner_pos: Array, roundness: Roundness | None, ways: Array) -> Arr
 
 
 def directions(count: int) -> Array:
-    """Directions spread evenly over the sphere (Fibonacci's lattice), (count, 3).
-
-    Args:
-        count: How many.
-    """
+    """Directions spread evenly over the sphere (Fibonacci's lattice), (count, 3)."""
     k = np.arange(count) + 0.5
     z, angle = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5)) * k
     r = np.sqrt(1 - z**2)

@@ -72,9 +72,6 @@ def unstated_object(
 def hinge_of(model: ObjectModel) -> Hinge | None:
     """The hinge between an object's two links; None of one rigid body.
 
-    Args:
-        model: The object.
-
     Raises:
         InputError: It has other joints.
     """

@@ -58,9 +58,6 @@ class Dataset:
     def split(self, name: str) -> Dataset:
         """The dataset of one split's tosses.
 
-        Args:
-            name: "train", "validation" or "test".
-
         Raises:
             InputError: There is no such split, or no toss is in it.
         """

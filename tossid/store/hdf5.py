@@ -40,12 +40,7 @@ _HEAD = 16
 
 
 class CheckedGroup:
-    """A group of a file from outside: what is taken from it is there, in this file, and of the kind that is expected.
-
-    Args:
-        path: The file, for errors.
-        group: The group.
-    """
+    """A group of a file from outside: what is taken from it is there, in this file, and of the kind expected."""
 
     def __init__(self, path: Path, group: h5py.Group) -> None:
         self.path, self._group = path, group

@@ -30,11 +30,6 @@ class _Recording:
 def write_order(file: h5py.File, tosses: h5py.Group, order: RecordingOrder) -> None:
     """Write what is known of the order of recording, as far as it is of tosses in the file.
 
-    Args:
-        file: The dataset.
-        tosses: Its group of tosses.
-        order: What is written.
-
     Raises:
         InputError: The sessions are too many to be described in a file.
     """

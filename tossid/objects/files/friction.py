@@ -69,13 +69,7 @@ def friction_of(m: mujoco.MjModel, texts: Sequence[str], given: float | None, *,
 
 
 def contact_friction(m: mujoco.MjModel, ground: int, own: int) -> float:
-    """Sliding friction of two geoms as MuJoCo combines it: of their pair, of the one with priority, or the larger.
-
-    Args:
-        m: The compiled model.
-        ground: One geom.
-        own: The other.
-    """
+    """Sliding friction of two geoms as MuJoCo combines it: of their pair, of the one with priority, or the larger."""
     pair = _pair(m, ground, own)
     if pair is not None:
         return float(m.pair_friction[pair, 0])
@@ -85,11 +79,7 @@ def contact_friction(m: mujoco.MjModel, ground: int, own: int) -> float:
 
 
 def colliding_geoms(m: mujoco.MjModel) -> tuple[list[int], list[int]]:
-    """Geoms that touch others: those of the world, and those of bodies.
-
-    Args:
-        m: The compiled model.
-    """
+    """Geoms that touch others: those of the world, and those of bodies."""
     touch = [g for g in range(m.ngeom) if m.geom_contype[g] or m.geom_conaffinity[g]]
     return [g for g in touch if m.geom_bodyid[g] == 0], [g for g in touch if m.geom_bodyid[g] != 0]
 

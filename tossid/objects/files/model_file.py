@@ -60,9 +60,6 @@ class ModelFile(NamedTuple):
 def read_model_file(path: Path) -> ModelFile:
     """Read a user's MJCF or URDF. What it names is there, and does not crash MuJoCo's compiler.
 
-    Args:
-        path: The file.
-
     Raises:
         FileError: The file is missing, asks for too much, names a package that is not there, or MuJoCo cannot parse it
             or crashes while it compiles it.
@@ -74,11 +71,7 @@ def read_model_file(path: Path) -> ModelFile:
 
 
 def compile_quietly(path: str) -> None:
-    """Compile a model, and say nothing of the errors that MuJoCo raises: who reads it next raises them too.
-
-    Args:
-        path: Its file.
-    """
+    """Compile a model, and say nothing of the errors that MuJoCo raises: who reads it next raises them too."""
     with suppress(FileError):
         _read(Path(path)).compiled()
 

@@ -109,11 +109,7 @@ def is_header(names: Sequence[str], count: int) -> bool:
 
 
 def column_of(name: str) -> Column | None:
-    """What a column's name stands for; None if it is not known.
-
-    Args:
-        name: As the header has it.
-    """
+    """What a column's name stands for; None if it is not known."""
     bare, unit = name.strip().lower(), ""
     bracket = _UNIT.search(bare)
     if bracket is not None:

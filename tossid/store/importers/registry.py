@@ -56,8 +56,8 @@ class InputFormat:
     """reads it: settings and object to `Imported` for poses, settings to `Opened` for a recording"""
     contents: Contents
     """what it holds, and so what `ingest` does with it"""
-    recognizes: Callable[[Path], bool]
-    """whether a path looks like this format"""
+    recognizes: Callable[[Path], bool] = lambda path: False
+    """whether a path looks like this format, for callers that name none"""
     default_object: str = "cube"
     """name of the object where neither the caller nor the source names one"""
     cut_at_rest: bool = False
@@ -76,24 +76,12 @@ FORMATS: dict[str, InputFormat] = {}
 
 
 def register(entry: InputFormat) -> None:
-    """Add a format, or replace the one of that name.
-
-    Args:
-        entry: The format.
-    """
+    """Add a format, or replace the one of that name."""
     note_registered(__name__, entry)
     FORMATS[entry.name] = entry
 
 
-def register_importer(
-    settings: type[S],
-    read: Callable[[S, ObjectModel], Imported],
-    *,
-    recognizes: Callable[[Path], bool] = lambda path: False,
-    default_object: str = "cube",
-    cut_at_rest: bool = False,
-    read_links: Callable[[S], tuple[Sequence[PoseTrack], ...]] | None = None,
-) -> None:
+def register_importer(settings: type[S], read: Callable[[S, ObjectModel], Imported], **options: Any) -> None:
     """Add a format of tracked poses or ready tosses; `tossid.ingest(..., source=NAME)` then reads it.
 
     Args:
@@ -101,30 +89,13 @@ def register_importer(
             what else the format needs, each with a default. The command line takes these fields as `source.FIELD`.
         read: Reads a source of the object. Poses are in metres, quaternions wxyz, in a world whose z points up and
             whose ground is z = 0.
-        recognizes: Whether a path looks like this format, for callers that name none.
-        default_object: Name of the object where the caller names none.
-        cut_at_rest: Whether a toss ends when the object has come to rest, though its file goes on.
-        read_links: Reads the tracks of each of two links of which nothing is stated, at the same times.
+        **options: Further fields of `InputFormat`: `recognizes`, `default_object`, `cut_at_rest`, `read_links`.
     """
-    register(
-        InputFormat(
-            settings=settings,
-            read=read,
-            contents=Contents.POSES,
-            recognizes=recognizes,
-            default_object=default_object,
-            cut_at_rest=cut_at_rest,
-            read_links=read_links,
-        )
-    )
+    register(InputFormat(settings=settings, read=read, contents=Contents.POSES, **options))
 
 
 def holds(path: Path, suffix: str) -> bool:
     """Whether a path is a folder with a file of that suffix, and no recording of cameras.
-
-    Args:
-        path: What is looked at.
-        suffix: End of the files' names.
 
     Returns:
         True if it looks like a folder of tosses.

@@ -147,12 +147,7 @@ def write_tum(
 
 
 def write_trajectory(path: Path, track: PoseTrack) -> None:
-    """Write the poses of a track's base as one file, with nine decimals: `timestamp tx ty tz qx qy qz qw`.
-
-    Args:
-        path: The file.
-        track: What is written.
-    """
+    """Write the poses of a track's base as one file, with nine decimals: `timestamp tx ty tz qx qy qz qw`."""
     import numpy as np
 
     np.savetxt(path, _pose_rows(track), fmt="%.9f", header=_FORM)
