@@ -11,7 +11,7 @@ from tossid.errors import InputError
 from tossid.motion.links import body_tracks
 from tossid.motion.sessions.levelling import turned_track
 from tossid.objects import ObjectModel, unstated_object
-from tossid.objects.convex_shape import find_ground, height_is_wrong
+from tossid.objects.convex_shape import ground_of_polytope, height_is_wrong
 from tossid.rotations import quat_conj, quat_exp, quat_mul, quat_rotate
 from tossid.types import PoseTrack
 
@@ -47,7 +47,7 @@ def level_by_hull(
     for slack in (*SLACKS, *(0.0,) * TIMES):
         try:
             # one ground under both links
-            ground = np.mean([find_ground(own, slack=slack) for own in body_tracks(tree, now)], axis=0)
+            ground = np.mean([ground_of_polytope(own, slack=slack) for own in body_tracks(tree, now)], axis=0)
         except InputError:  # no shape over a ground so far above the object
             ground = np.array([0.0 if slack else -RAISED, 0.0, 0.0])
         slope = ground[1:] if np.linalg.norm(ground[1:]) > LEVEL_SLOPE else np.zeros(2)

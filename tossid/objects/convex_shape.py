@@ -23,9 +23,9 @@ from tossid.objects.polytope import (
     Fit,
     bic_terms,
     find_polytope,
-    find_sloping_ground,
     fit_over_level_ground,
     fit_vertices,
+    sloping_ground,
     touching,
 )
 from tossid.objects.round_shape import RoundShape, round_shapes, support
@@ -130,7 +130,7 @@ def find_shape(tosses: Sequence[Toss], *, flying: Sequence[NDArray[np.bool_]] | 
     return sharp_shape(near, sharp, hull, unseen=UNSEEN * radius, ground=chosen.ground)
 
 
-def find_ground(tosses: Sequence[Toss | PoseTrack], *, slack: float = 0.0) -> Array:
+def ground_of_polytope(tosses: Sequence[Toss | PoseTrack], *, slack: float = 0.0) -> Array:
     """The ground's height at the origin [m] and its slopes along x and y, (3,), with which a polytope fits best.
 
     Args:
@@ -141,7 +141,7 @@ def find_ground(tosses: Sequence[Toss | PoseTrack], *, slack: float = 0.0) -> Ar
         InputError: The poses bound no shape.
     """
     every = half_spaces(tosses)
-    return find_sloping_ground(every, slack) if slack else find_polytope(every).fit.ground
+    return sloping_ground(every, slack) if slack else find_polytope(every).fit.ground
 
 
 def height_is_wrong(tosses: Sequence[Toss | PoseTrack]) -> bool:

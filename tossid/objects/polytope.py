@@ -91,7 +91,7 @@ def find_polytope(every: HalfSpaces) -> Polytope:
     return Polytope(near, fit_vertices(near, chosen.vertices, chosen.ground, gap=2 * GAP), hull, radius)
 
 
-def find_sloping_ground(every: HalfSpaces, slack: float) -> Array:
+def sloping_ground(every: HalfSpaces, slack: float) -> Array:
     """The ground's height at the origin [m] and its slopes along x and y, (3,), where the slopes are large.
 
     Args:
