@@ -218,7 +218,7 @@ def test_frames_in_which_the_object_was_lost_are_left_out_and_counted(tmp_path: 
     _write(tmp_path / "a.txt", "", [t, poses])
     with pytest.raises(FileError, match=r"line 6: 9 of 40 rows hold no pose \(3 not finite, 6 of zeros\); at most 20%"):
         read_tum(tmp_path, n_joints=1)
-    assert len(read_tum(tmp_path, n_joints=1, lost=0.3)[0].t) == 31
+    assert len(read_tum(tmp_path, n_joints=1, most_lost=0.3)[0].t) == 31
 
 
 def test_frames_that_one_link_lost_are_left_out_of_both(tmp_path: Path) -> None:

@@ -27,7 +27,8 @@ _JOINTS, _LINK = ".joints.txt", ".link_2.txt"
 _FORM = "timestamp tx ty tz qx qy qz qw"
 _SAME_TIME = 1e-6
 """[s] by which the times of poses and joints may differ (they are printed with some digits)."""
-_MOST_LOST = 0.2
+MOST_LOST = 0.2
+"""Largest share of a file's rows that may hold no pose."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +42,7 @@ class TumSource:
     columns: str | None = None
     """names of the columns, whatever the files say, such as "time_ms tx ty tz qw qx qy qz"; null: as their first line
     names them, else "timestamp tx ty tz qx qy qz qw\""""
-    lost: Fraction = _MOST_LOST
+    most_lost: Fraction = MOST_LOST
     """largest share of a file's rows that may hold no pose, because the tracker had lost the object"""
 
 
@@ -56,7 +57,7 @@ class _File(NamedTuple):
 
 
 def read_tum(
-    folder: Path, *, n_joints: int, columns: str | None = None, lost: float = _MOST_LOST
+    folder: Path, *, n_joints: int, columns: str | None = None, most_lost: float = MOST_LOST
 ) -> Sequence[PoseTrack]:
     """The tracks in a folder of `NAME.txt`, and for an articulated object `NAME.joints.txt` beside each.
 
@@ -70,7 +71,7 @@ def read_tum(
         n_joints: Joints of the object.
         columns: Names of the columns, whatever the files say; None: as their first line says, else
             `timestamp tx ty tz qx qy qz qw`.
-        lost: Largest share of a file's rows that may hold no pose.
+        most_lost: Largest share of a file's rows that may hold no pose.
 
     Returns:
         Tracks without velocities, 2 before 10.
@@ -78,18 +79,18 @@ def read_tum(
     Raises:
         FileError: A file is missing or is not what it should be; names file and line.
     """
-    return _read_folder(folder, n_joints, columns, lost).tracks
+    return _read_folder(folder, n_joints, columns, most_lost).tracks
 
 
 def read_link_tum(
-    folder: Path, *, columns: str | None = None, lost: float = _MOST_LOST
+    folder: Path, *, columns: str | None = None, most_lost: float = MOST_LOST
 ) -> tuple[Sequence[PoseTrack], ...]:
     """The tracks of both links of an object of which nothing is stated: `NAME.txt` and `NAME.link_2.txt` beside each.
 
     Args:
         folder: Where the files lie.
         columns: As `read_tum` has them.
-        lost: As `read_tum` has it. Frames without a pose of one link are left out of both.
+        most_lost: As `read_tum` has it. Frames without a pose of one link are left out of both.
 
     Returns:
         Tracks of link 1 and of link 2 at the same times, (n, 7) each, without velocities, 2 before 10.
@@ -106,7 +107,7 @@ def read_link_tum(
         beside = _beside(path, _LINK)
         if not beside.is_file():
             raise FileError(beside, "is missing; object.links=2 needs the poses of the second link")
-        both = [_read_file(each, 0, columns, lost) for each in (path, beside)]
+        both = [_read_file(each, 0, columns, most_lost) for each in (path, beside)]
         t, other = (file.t for file in both)
         if len(t) != len(other) or not (abs(t - other) <= _SAME_TIME).all():
             raise FileError(beside, f"its times are not those of {path.name}; expected both links in every frame")
@@ -166,7 +167,7 @@ def trajectory_info(path: Path) -> dict[str, Any]:
 
     if path.name.endswith(_JOINTS):
         raise FileError(path, f"gives joint angles, expected rows of '{_FORM}'")
-    file = _read_file(path, 0, None, _MOST_LOST)
+    file = _read_file(path, 0, None, MOST_LOST)
     t, places = file.track.t, file.track.q[:, :3]
     return {
         "kind": "poses",
@@ -240,7 +241,7 @@ def _read_file(path: Path, n_joints: int, columns: str | None, most_lost: float)
     poses = np.concatenate([where.length * rows[:, where.position], rows[:, where.quaternion]], axis=1)
     gone, lost = lost_rows(t, poses)
     if gone.mean() > most_lost:
-        problem = f"{lost_words(len(t), lost)}; at most {most_lost:.0%} may be lost frames (source.lost)"
+        problem = f"{lost_words(len(t), lost)}; at most {most_lost:.0%} may be lost frames (source.most_lost)"
         raise FileError(path, problem, row=f"line {lines[int(np.argmax(gone))]}")
     kept = np.flatnonzero(~gone)
     q = np.concatenate([poses[:, :3], xyzw_to_wxyz(poses[:, 3:])], axis=1)
@@ -327,7 +328,7 @@ def _import(source: TumSource, model: ObjectModel) -> Imported:
     other = next(iter(sorted(Path(source.path).glob(f"*{_LINK}"))), None)
     if other is not None:
         raise FileError(other, "gives the poses of a second link, which object=unknown object.links=2 takes")
-    return _read_folder(source.path, model.n_joints, source.columns, source.lost)
+    return _read_folder(source.path, model.n_joints, source.columns, source.most_lost)
 
 
 register_importer(
@@ -335,5 +336,5 @@ register_importer(
     _import,
     recognizes=lambda path: holds(path, ".txt") and not holds(path, ".pt"),
     cut_at_rest=True,
-    read_links=lambda source: read_link_tum(source.path, columns=source.columns, lost=source.lost),
+    read_links=lambda source: read_link_tum(source.path, columns=source.columns, most_lost=source.most_lost),
 )
