@@ -152,7 +152,7 @@ def convert(hint: Any, value: Any, *, key: str, advanced: bool = True, start: An
             return "null"  # YAML reads this word as nothing where it has no quotes
         if value in args and not (isinstance(value, bool) and True not in args):
             return value
-    elif origin is tuple and isinstance(value, list | tuple):
+    elif origin is tuple and isinstance(value, Sequence) and not isinstance(value, str):
         count = len(value) if args[1:] == (...,) else len(args)
         if len(value) != count:
             raise ConfigError(key, f"has {len(value)} values; expected {describe(hint)}.")
