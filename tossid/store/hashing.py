@@ -41,11 +41,15 @@ def source_sha256(path: Path | str) -> str:
         raise FileError(path, "no such file or folder")
     if not path.is_dir():
         return file_sha256(path)
-    found = [Path(folder, name) for folder, _, names in os.walk(path) for name in names]
+    found = [Path(folder, name) for folder, _, names in os.walk(path, onerror=_refuse) for name in names]
     digest = hashlib.sha256()
     for name in sorted(file.relative_to(path).as_posix() for file in found if file.is_file()):
         digest.update(f"{file_sha256(path / name)}  {name}\n".encode())
     return digest.hexdigest()
+
+
+def _refuse(error: OSError) -> None:
+    raise FileError(error.filename, f"cannot be read ({error.strerror})") from error
 
 
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
