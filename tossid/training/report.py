@@ -168,7 +168,7 @@ def _impossible(model: ObjectModel) -> list[str]:
         corners, name = drawn.corner_pos[drawn.corner_body == body], model.body_names[body]
         if len(corners) < 4:
             continue
-        if protrusion(model.com[body], corners) > COM_OUTSIDE * model.width:
+        if protrusion(model.com[body : body + 1], corners)[0] > COM_OUTSIDE * model.width:
             found.append(f"the centre of mass of {name} lies outside its corners")
         reach = np.linalg.norm(corners - model.com[body], axis=1).max()
         if np.trace(model.inertia[body]) > 2 * model.mass[body] * reach**2 * INERTIA_BEYOND:

@@ -16,8 +16,8 @@ from tossid.evaluation.figures.geometry import UNSEEN
 from tossid.evaluation.figures.style import GRID, INK, LOOKS, MUTED, look
 from tossid.evaluation.figures.wireframe import View, Wireframe, posed, view_from, wireframe
 from tossid.objects import ObjectModel, corner_heights, corner_positions
-from tossid.objects.half_spaces import different, half_spaces, hull_within
-from tossid.settings.objects import ShapeSettings
+from tossid.objects.half_spaces import different, half_spaces, hull_in_box
+from tossid.objects.polytope import CONTACT_GAP
 from tossid.types import Rollout, Toss
 
 Array = NDArray[np.float64]
@@ -73,7 +73,7 @@ def toss_film(toss: Toss, predicted: Rollout, model: ObjectModel, *, name: str) 
     return np.stack(frames)
 
 
-def hull_film(tosses: Sequence[Toss], learned: ObjectModel, *, shape: ShapeSettings = ShapeSettings()) -> Frames:
+def hull_film(tosses: Sequence[Toss], learned: ObjectModel) -> Frames:
     """A film of the hull of a rigid body over tosses: grey where the object may still be, coloured what was learned.
 
     No point of the object is below the ground in any frame, so that each toss cuts from the space where it may be. A
@@ -82,7 +82,6 @@ def hull_film(tosses: Sequence[Toss], learned: ObjectModel, *, shape: ShapeSetti
     Args:
         tosses: In the order in which they are added, over the ground z = 0.
         learned: The object that was learned from all of them, of one body.
-        shape: How near the ground a contact is.
 
     Returns:
         Frames (n, h, w, 3), RGB. The view turns once.
@@ -96,8 +95,8 @@ def hull_film(tosses: Sequence[Toss], learned: ObjectModel, *, shape: ShapeSetti
     inside = corners.mean(axis=0)
     reach = HULL_REACH * float(np.abs(corners - inside).max())
     cuts = half_spaces(tosses)
-    cuts = cuts.chosen(different(cuts, shape))
-    down = np.array([corner_heights(learned.drawn, toss.q).min(axis=0) < shape.contact_gap for toss in tosses])
+    cuts = cuts.chosen(different(cuts))
+    down = np.array([corner_heights(learned.drawn, toss.q).min(axis=0) < CONTACT_GAP for toss in tosses])
     counts = np.unique(np.geomspace(1, len(tosses), HULL_PICTURES).round().astype(int))
     upright, color = np.array([1.0, 0.0, 0.0, 0.0]), rgb(LOOKS["learned"].color)
     frames = []
@@ -105,7 +104,7 @@ def hull_film(tosses: Sequence[Toss], learned: ObjectModel, *, shape: ShapeSetti
         view = view_from(np.deg2rad(-60) + 2 * np.pi * k / len(counts), np.deg2rad(20))
         place = _placed(view, view(inside), 0.45 * min(WIDTH, HEIGHT) / reach)
         image = _picture()
-        left = hull_within(cuts.chosen(cuts.toss < count), inside, reach)
+        left = hull_in_box(cuts.chosen(cuts.toss < count), inside - reach, inside + reach)
         for points, shade in ((left, rgb(MUTED)), (corners, color)):
             _draw_bodies(image, place, view, [(points, upright)], [wireframe(points)], shade)
         for pixel, seen in zip(place(corners), np.atleast_1d(down[:count].any(axis=0)), strict=True):
