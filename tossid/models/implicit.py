@@ -243,21 +243,21 @@ class Corners(NamedTuple):
         found, twists = [], times(self.X, v).unflatten(1, (-1, 6))
         for b, place in enumerate(self.places):
             spin, linear = twists[:, b, None, :3], twists[:, b, None, 3:]
-            own = linear + torch.einsum("ki,cij->kcj", spin[:, 0], skew(place))  # w x r = -r^ w
+            local = linear + torch.einsum("ki,cij->kcj", spin[:, 0], skew(place))  # w x r = -r^ w
             if self.offsets is not None:
-                own = own + torch.linalg.cross(spin, self.offsets[b][0])
-            found.append(own @ self.R[:, b].mT)
+                local = local + torch.linalg.cross(spin, self.offsets[b][0])
+            found.append(local @ self.R[:, b].mT)
         return torch.cat(found, dim=1)
 
     def generalized(self, impulses: Tensor) -> Tensor:
         """J^T lam (K, nv) of impulses on the corners (K, n_c, 3), world axes."""
         wrenches = []
-        for b, own in enumerate(impulses.split([len(place) for place in self.places], dim=1)):
-            own = own @ self.R[:, b]
-            torque = torch.einsum("cij,kcj->ki", skew(self.places[b]), own)
+        for b, of_body in enumerate(impulses.split([len(place) for place in self.places], dim=1)):
+            local = of_body @ self.R[:, b]
+            torque = torch.einsum("cij,kcj->ki", skew(self.places[b]), local)
             if self.offsets is not None:
-                torque = torque + torch.linalg.cross(self.offsets[b][0], own).sum(dim=1)
-            wrenches += [torque, own.sum(dim=1)]
+                torque = torque + torch.linalg.cross(self.offsets[b][0], local).sum(dim=1)
+            wrenches += [torque, local.sum(dim=1)]
         return times(self.X.mT, torch.cat(wrenches, dim=1))
 
     def jacobian(self, C: Tensor) -> Tensor:
@@ -265,10 +265,10 @@ class Corners(NamedTuple):
         found, twists = [], (self.X @ C).unflatten(1, (-1, 6))
         for b, place in enumerate(self.places):
             spin, linear = twists[:, b, :3], twists[:, b, None, 3:]
-            own = linear - torch.einsum("cij,njm->ncim", skew(place), spin)
+            local = linear - torch.einsum("cij,njm->ncim", skew(place), spin)
             if self.offsets is not None:
-                own = own - skew(self.offsets[b][0]) @ spin[:, None]
-            found.append((self.R[:, b] @ own.transpose(1, 2).flatten(2)).unflatten(2, (len(place), -1)))
+                local = local - skew(self.offsets[b][0]) @ spin[:, None]
+            found.append((self.R[:, b] @ local.transpose(1, 2).flatten(2)).unflatten(2, (len(place), -1)))
         return torch.cat(found, dim=2)
 
 
@@ -287,13 +287,13 @@ def make_corners(
         roundness: What stands at the corners; None for points.
     """
     R, up_next, offsets = t.R[t.near], t.up_next[t.near], None
-    own = [torch.nonzero(corner_body == b).flatten() for b in range(R.shape[1])]
+    corners_of = [torch.nonzero(corner_body == b).flatten() for b in range(R.shape[1])]
     if roundness is not None:
         before, after = (
             torch.from_numpy(roundness.offset(-up[:, corner_body].numpy())) for up in (R[..., 2, :], up_next)
         )
-        offsets = tuple((before[:, index], after[:, index]) for index in own)
-    return Corners(select(X, t.near), R, up_next, t.z_next[t.near], tuple(corner_pos[i] for i in own), offsets)
+        offsets = tuple((before[:, index], after[:, index]) for index in corners_of)
+    return Corners(select(X, t.near), R, up_next, t.z_next[t.near], tuple(corner_pos[i] for i in corners_of), offsets)
 
 
 def base_jacobian(t: Transitions) -> Tensor:

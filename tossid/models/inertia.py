@@ -181,9 +181,9 @@ def divergence(learned: tuple[Tensor, Tensor, Tensor], given: tuple[Tensor, Tens
         learned: Mass (n_b,), first moment (n_b, 3), inertia about the origin (n_b, 3, 3).
         given: The same of the given bodies.
     """
-    here, there = _pseudo(*learned), _pseudo(*given)
-    root = torch.linalg.cholesky(there)
-    shape = torch.linalg.solve_triangular(root, here, upper=False)
+    S, S_given = _pseudo(*learned), _pseudo(*given)
+    root = torch.linalg.cholesky(S_given)
+    shape = torch.linalg.solve_triangular(root, S, upper=False)
     X = torch.linalg.solve_triangular(root, shape.mT, upper=False)
     values = torch.linalg.eigvalsh(X).clamp(min=1e-9)  # defined for numbers of no physical body, too
     return (values - values.log() - 1).sum()

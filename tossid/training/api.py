@@ -47,7 +47,7 @@ class Epoch:
 
 @contextmanager
 def one_torch_thread() -> Iterator[None]:
-    """Torch computes on one thread here, and then on as many as before.
+    """Within it torch computes on one thread, and then on as many as before.
 
     Its tensors are small in training, and the numbers are then the same on every machine.
     """
