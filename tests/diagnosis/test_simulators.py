@@ -28,8 +28,8 @@ from tossid.diagnosis.simulators import (
 )
 from tossid.errors import InputError
 from tossid.objects import ObjectModel, load_object
+from tossid.physics.contact.law import Law
 from tossid.physics.effects import World
-from tossid.physics.forces import Law
 
 MJCF = """<mujoco model="mine">
   <option timestep="0.001" gravity="0.37 0 -9.7"/>

@@ -13,7 +13,7 @@ from tossid.motion.momentum.estimate import momentum_balance
 from tossid.motion.smoothing.system import difference, moved
 from tossid.objects import object_from_mjcf
 from tossid.physics import make_system
-from tossid.physics.free import free_accelerations
+from tossid.physics.batch import free_accelerations
 from tossid.physics.identifiable import inertia_error
 from tossid.rotations import quat_to_matrix
 from tossid.types import Phase

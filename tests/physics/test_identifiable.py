@@ -7,16 +7,14 @@ import pytest
 
 from tests.physics.trees import random_tree
 from tossid.objects import OBJECT_FILES, ObjectModel, load_object
-from tossid.physics import make_system, tree
+from tossid.physics import make_system, tree_batch
+from tossid.physics.batch import mass_matrices
 from tossid.physics.identifiable import base_parameters, inertia_error, inertial_parameters
 
 
 def mass_matrix(model: ObjectModel, q: np.ndarray) -> np.ndarray:
     system = make_system(model)
-    work = tree.make_work(system)
-    tree.kinematics(system, q, work)
-    tree.mass_matrix(system, work)
-    return work.M.copy()
+    return np.asarray(mass_matrices(tree_batch(system, q[None], np.zeros((1, model.nv))), system)[0])
 
 
 def test_a_single_body_has_ten_and_a_hinge_takes_three_away() -> None:

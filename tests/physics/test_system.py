@@ -15,8 +15,8 @@ Array = NDArray[np.float64]
 
 def test_plain_systems_carry_no_forces(cube: ObjectModel) -> None:
     system = make_system(cube)
-    assert system.forces.size == 0
-    assert system.law.size == 0
+    assert not system.forces.acts
+    assert not system.law.acts
 
 
 def test_a_system_has_the_object_s_numbers_but_for_those_that_are_given(cube: ObjectModel, elbow: ObjectModel) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tossid.motion import com_velocities, corner_velocities
 from tossid.objects import ObjectModel, corner_heights
 from tossid.physics import System, no_learned_acceleration, tree_batch
-from tossid.physics.free import free_accelerations
+from tossid.physics.batch import free_accelerations
 from tossid.physics.solvers import solve_cone_qp
 from tossid.types import Phase, Toss
 

@@ -15,8 +15,7 @@ from tossid.models.shots import first_states, stretches
 from tossid.motion import MeasurementModel, flight_states, frames_in_flight
 from tossid.objects import JointType, ObjectModel, body_poses, center_positions, corner_heights
 from tossid.physics import make_system
-from tossid.physics.free import mass_norms
-from tossid.physics.tree import make_work
+from tossid.physics.batch import mass_norms
 from tossid.rotations import geodesic_angle
 from tossid.types import Rollout, Toss, frame_time
 
@@ -231,10 +230,8 @@ def wrapped(angle: Array) -> Array:
 def _flight_errors(model: ObjectModel, q: Array, v: Array, found: Array) -> Array:
     """(N,) |found - stated| / |stated| [%] of states' accelerations (N, nv), in the norm of M."""
     stated = Simulator(make_system(model))
-    true, work, (off, size) = stated.acceleration(q, v), make_work(stated.system), np.empty((2, len(q)))
-    mass_norms(stated.system, q, found - true, work, off)
-    mass_norms(stated.system, q, true, work, size)
-    return 100 * off / size
+    true = stated.acceleration(q, v)
+    return 100 * mass_norms(stated.system, q, found - true) / mass_norms(stated.system, q, true)
 
 
 def summarize(values: Array) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.physics import N_WORLD, LearnedAcceleration, n_features
-from tossid.physics.batch import to_base
+from tossid.physics.network import to_base
 
 torch_double = torch.float64
 

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.physics import ExactCone, Simulation, System, simulate
-from tossid.physics.forces import law_of
-from tossid.physics.free import free_accelerations
+from tossid.physics.batch import free_accelerations
 from tossid.physics.mujoco_engine import LIFTING
 from tossid.physics.solvers.registry import ContactSolver
 from tossid.settings.training import ModelSettings
@@ -70,8 +69,7 @@ class Simulator:
         """
         if not isinstance(self.solver, ExactCone):
             return None
-        law = law_of(self.system.law)._replace(lifting=LIFTING)
-        return replace(self, system=self.system._replace(law=np.array(law)))
+        return replace(self, system=self.system._replace(law=self.system.law._replace(lifting=LIFTING)))
 
     def rollout(
         self, q0: Array, v0: Array, *, n_steps: int | NDArray[np.int64], dt: float, n_threads: int = 1

@@ -16,18 +16,22 @@ A view costs 20 ns in Numba, so each body's vectors are columns of one array P, 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.kernels import fused_inlined_kernel
-from tossid.physics.system import System
-from tossid.physics.tree import HINGE
+from tossid.kernels import fused_inlined_kernel, kernel
+from tossid.physics.cholesky import back_substitute, cholesky, forward_substitute
 from tossid.rotations import quat_to_matrix
+
+if TYPE_CHECKING:
+    from tossid.physics.system import System
 
 Array = NDArray[np.float64]
 
+HINGE = 1
+"""`JointType.HINGE`, as a constant that Numba can fold."""
 
 # columns of P (n_b, WIDTH), each a vector of three (base axes, from the base's origin) unless said
 X, AXIS, ANCHOR, SPIN, ALPHA, ACCEL = 0, 3, 6, 9, 12, 15  # origin; joint; spin; accelerations at dv/dt = 0
@@ -64,21 +68,21 @@ class Articulated(NamedTuple):
 
 
 def make_articulated(system: System) -> Articulated:
-    """The kernels' view of a system's tree.
+    """A system's tree as the kernels read it, in arrays of their own.
 
     Args:
         system: the simulator's parameters.
     """
     return Articulated(
-        parent=system.parent,
-        joint_type=system.joint_type,
+        parent=np.array(system.parent),
+        joint_type=np.array(system.joint_type),
         turn=np.ascontiguousarray(quat_to_matrix(system.body_quat)),
-        place=system.body_pos,
-        axis=system.joint_axis,
-        anchor=system.joint_pos,
-        mass=system.mass,
-        com=system.com,
-        inertia=system.inertia,
+        place=np.array(system.body_pos),
+        axis=np.array(system.joint_axis),
+        anchor=np.array(system.joint_pos),
+        mass=np.array(system.mass),
+        com=np.array(system.com),
+        inertia=np.array(system.inertia),
     )
 
 
@@ -158,6 +162,13 @@ def outward_pass(tree, q, v, P, E):  # type: ignore[no-untyped-def]
         P[b, SPIN], P[b, SPIN + 1], P[b, SPIN + 2] = w0, w1, w2
         P[b, ALPHA], P[b, ALPHA + 1], P[b, ALPHA + 2] = l0, l1, l2
         P[b, ACCEL], P[b, ACCEL + 1], P[b, ACCEL + 2] = g0 + s0, g1 + s1, g2 + s2
+
+
+@kernel
+def outward_passes(tree, q, v, P, E):  # type: ignore[no-untyped-def]
+    """`outward_pass` of each state, into P (B, n_b, WIDTH) and E (B, n_b, 3, 3)."""
+    for n in range(len(q)):
+        outward_pass(tree, q[n], v[n], P[n], E[n])
 
 
 @fused_inlined_kernel
@@ -263,34 +274,11 @@ def factorise(parent, joint_type, torque, slack, P, L, rate):  # type: ignore[no
             i = parent[i]
         L[row, row] += slack[b]
     nx = 2 + nb
-    for i in range(nx):  # the inverse of the factor's diagonal takes the diagonal's place
-        for j in range(i):
-            s = L[i, j]
-            for k in range(j):
-                s -= L[i, k] * L[j, k]
-            L[i, j] = s * L[j, j]
-        s = L[i, i]
-        for k in range(i):
-            s -= L[i, k] * L[i, k]
-        if not s > 0.0:
-            return False
-        L[i, i] = 1.0 / math.sqrt(s)
-        s = rate[i]
-        for k in range(i):
-            s -= L[i, k] * rate[k]
-        rate[i] = s * L[i, i]
+    if not cholesky(L, nx):
+        return False
+    forward_substitute(L, rate, nx)
     back_substitute(L, rate, nx)
     return True
-
-
-@fused_inlined_kernel
-def back_substitute(L, x, n):  # type: ignore[no-untyped-def]
-    """x <- L^-T x, with L as `factorise` leaves it."""
-    for i in range(n - 1, -1, -1):
-        s = x[i]
-        for k in range(i + 1, n):
-            s -= L[k, i] * x[k]
-        x[i] = s * L[i, i]
 
 
 @fused_inlined_kernel

@@ -1,9 +1,9 @@
-"""The parts of a tree's dynamics that depend on the motion alone, for batches of states.
+"""The parts of a tree's dynamics that depend on the motion alone, for batches of states, and what follows from them.
 
-With these, M, bias and contact Jacobians are linear in the inertial parameters
-(mass, first moment, moments about the body's origin) and in the corners'
-positions, so that a model can learn both by automatic differentiation without
-differentiating through kinematics.
+With these, M, bias and contact Jacobians are linear in the inertial parameters (mass, first moment, moments about the
+body's origin) and in the corners' positions, so that a model can learn both by automatic differentiation without
+differentiating through kinematics. Plain NumPy but for the recursion along the tree; the time stepper's kernels
+(`articulated`, `body`) are others, and tests hold them to this.
 """
 
 from __future__ import annotations
@@ -13,11 +13,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.kernels import kernel
-from tossid.physics.free import features
-from tossid.physics.registered_forces import NoForce
-from tossid.physics.system import LearnedAcceleration, System, n_features
-from tossid.physics.tree import bias_force, kinematics, make_work, mass_matrix, point_jacobian
+from tossid.physics.articulated import (
+    ACCEL,
+    ALPHA,
+    ANCHOR,
+    AXIS,
+    HINGE,
+    SPIN,
+    WIDTH,
+    X,
+    make_articulated,
+    outward_passes,
+)
+from tossid.physics.network import features, learned_accelerations
+from tossid.physics.system import System
+from tossid.rotations import quat_to_matrix, skew
 
 Array = NDArray[np.float64]
 
@@ -25,13 +35,14 @@ Array = NDArray[np.float64]
 class TreeBatch(NamedTuple):
     """Kinematic quantities of B states.
 
-    X: (B, n_b, 6, nv) each body's Jacobian in its own axes: angular rows, then
-        linear rows of its frame's origin.
-    omega: (B, n_b, 3) angular velocity, body axes [rad/s].
-    alpha, xdd: (B, n_b, 3) angular acceleration and the origin's acceleration at
-        dv/dt = 0, body axes.
-    R: (B, n_b, 3, 3) world rotation of the bodies; x: (B, n_b, 3) world position.
-    features: (B, n_f) the learned acceleration's input, with the features of the world.
+    Attributes:
+        X: (B, n_b, 6, nv) each body's Jacobian in its own axes: angular rows, then linear rows of its frame's origin.
+        omega: (B, n_b, 3) angular velocity, body axes [rad/s].
+        alpha: (B, n_b, 3) angular acceleration at dv/dt = 0, body axes [rad/s²].
+        xdd: (B, n_b, 3) the origin's acceleration at dv/dt = 0, body axes [m/s²].
+        R: (B, n_b, 3, 3) world rotation of the bodies.
+        x: (B, n_b, 3) world position of their origins [m].
+        features: (B, n_f) the learned acceleration's input, with the features of the world.
     """
 
     X: Array
@@ -43,73 +54,100 @@ class TreeBatch(NamedTuple):
     features: Array
 
 
-@kernel
-def _fill(system, work, q, v, X, omega, alpha, xdd, R, x, feature):  # type: ignore[no-untyped-def]
-    nb = len(system.parent)
-    nv = v.shape[1]
-    Jp = np.empty((3, nv))
-    for s in range(len(q)):
-        kinematics(system, q[s], work)
-        mass_matrix(system, work)
-        bias_force(system, q[s], v[s], work)
-        features(system, q[s], v[s], work)
-        feature[s] = work.feature
-        for b in range(nb):
-            Rb = work.xmat[b]
-            R[s, b] = Rb
-            x[s, b] = work.xpos[b]
-            point_jacobian(system, work, b, work.xpos[b], Jp)
-            for i in range(3):
-                omega[s, b, i] = Rb[0, i] * work.omega[b, 0] + Rb[1, i] * work.omega[b, 1] + Rb[2, i] * work.omega[b, 2]
-                alpha[s, b, i] = Rb[0, i] * work.alpha[b, 0] + Rb[1, i] * work.alpha[b, 1] + Rb[2, i] * work.alpha[b, 2]
-                xdd[s, b, i] = Rb[0, i] * work.xdd[b, 0] + Rb[1, i] * work.xdd[b, 1] + Rb[2, i] * work.xdd[b, 2]
-                for j in range(nv):
-                    Jw = work.Jw[b]
-                    X[s, b, i, j] = Rb[0, i] * Jw[0, j] + Rb[1, i] * Jw[1, j] + Rb[2, i] * Jw[2, j]
-                    X[s, b, 3 + i, j] = Rb[0, i] * Jp[0, j] + Rb[1, i] * Jp[1, j] + Rb[2, i] * Jp[2, j]
-
-
-def learned_accelerations(k_res: LearnedAcceleration, features: Array, nv: int) -> Array:
-    """The learned acceleration in the base's axes (N, nv) [m/s², rad/s²].
+def tree_batch(system: System, q: Array, v: Array) -> TreeBatch:
+    """Kinematic quantities of states; inertia and contact do not enter.
 
     Args:
-        k_res: The function.
-        features: (N, n_f or more), of `tree_batch`.
-        nv: Length of a velocity.
+        system: The simulator's parameters.
+        q: (B, nq) configurations.
+        v: (B, nv) velocities.
     """
-    f = features[:, : k_res.linear.shape[1]]
-    hidden = np.tanh(np.tanh(f @ k_res.W0.T + k_res.b0) @ k_res.W1.T + k_res.b1)
-    found = f @ k_res.linear.T + hidden @ k_res.W2.T
-    out: Array = found[:, :nv].copy()
-    if found.shape[1] > nv:
-        out[:, :3] += to_base(features, found[:, nv:], nv - 6)
-    return out
-
-
-def to_base(features, along_world, n_joints):  # type: ignore[no-untyped-def]
-    """Vectors (N, 3) along the world's axes in the base's, whose features (N, n_f) of `tree_batch` are known.
-
-    Arrays or tensors.
-    """
-    first = n_features(n_joints)
-    x, y, z = features[:, first : first + 3], features[:, first + 3 : first + 6], features[:, :3]
-    return along_world[:, :1] * x + along_world[:, 1:2] * y + along_world[:, 2:] * z
-
-
-def tree_batch(system: System, q: Array, v: Array) -> TreeBatch:
-    """Kinematic quantities of states q (B, nq), v (B, nv); inertia and contact do not enter."""
     q, v = np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
-    system = system._replace(registered=NoForce())  # of no use here, and else one more type to compile for
-    B, nb, nv = len(q), len(system.parent), system.nv
-    work = make_work(system)
-    out = TreeBatch(
-        X=np.empty((B, nb, 6, nv)),
-        omega=np.empty((B, nb, 3)),
-        alpha=np.empty((B, nb, 3)),
-        xdd=np.empty((B, nb, 3)),
-        R=np.empty((B, nb, 3, 3)),
-        x=np.empty((B, nb, 3)),
-        features=np.empty((B, len(work.feature))),
+    count, nb = len(q), len(system.parent)
+    P, E = np.zeros((count, nb, WIDTH)), np.zeros((count, nb, 3, 3))
+    outward_passes(make_articulated(system), q, v, P, E)
+    R, back = quat_to_matrix(q[:, 3:7]), np.swapaxes(E, -1, -2)
+
+    def vectors(first: int) -> Array:
+        return P[..., first : first + 3]
+
+    # columns of the Jacobians in the base's axes: velocity of the base's origin, spin of the base, rates of the joints
+    angular, linear = np.zeros((2, count, nb, 3, system.nv))
+    angular[..., 3:6] = np.eye(3)
+    linear[..., :3] = np.swapaxes(R, -1, -2)[:, None]
+    linear[..., 3:6] = -skew(vectors(X))
+    for body in range(nb):
+        joint = body
+        while joint > 0:
+            axis = vectors(AXIS)[:, joint]
+            if system.joint_type[joint] == HINGE:
+                angular[:, body, :, 5 + joint] = axis
+                linear[:, body, :, 5 + joint] = np.cross(axis, vectors(X)[:, body] - vectors(ANCHOR)[:, joint])
+            else:
+                linear[:, body, :, 5 + joint] = axis
+            joint = int(system.parent[joint])
+    return TreeBatch(
+        X=np.concatenate([back @ angular, back @ linear], axis=2),
+        omega=np.einsum("nbij,nbj->nbi", back, vectors(SPIN)),
+        alpha=np.einsum("nbij,nbj->nbi", back, vectors(ALPHA)),
+        xdd=np.einsum("nbij,nbj->nbi", back, vectors(ACCEL)),
+        R=R[:, None] @ E,
+        x=q[:, None, :3] + np.einsum("nij,nbj->nbi", R, vectors(X)),
+        features=features(q, v, R),
     )
-    _fill(system, work, q, v, *out)
+
+
+def mass_matrices(batch: TreeBatch, system: System) -> Array:
+    """M (B, nv, nv): the sum over bodies of m J_v^T J_v + J_w^T I J_w, J_v of the centre of mass.
+
+    Args:
+        batch: Of `tree_batch`.
+        system: Masses, centres of mass and inertias.
+    """
+    angular, linear = _jacobians_of_com(batch, system)
+    by_mass = np.sqrt(system.mass)[:, None, None] * linear
+    M = np.einsum("nbij,nbik->njk", by_mass, by_mass, optimize=True)
+    M += np.einsum("nbij,bik,nbkl->njl", angular, system.inertia, angular, optimize=True)
+    return np.asarray(M)
+
+
+def free_accelerations(system: System, q: Array, v: Array) -> Array:
+    """dv/dt of states without contact (B, nv): M^-1 k and the learned acceleration [m/s², rad/s²].
+
+    Args:
+        system: The simulator's parameters. Its `forces` and `registered` do not enter.
+        q: (B, nq) configurations.
+        v: (B, nv) velocities.
+    """
+    batch = tree_batch(system, q, v)
+    angular, linear = _jacobians_of_com(batch, system)
+    w, arm = batch.omega, np.broadcast_to(system.com, batch.omega.shape)
+    # of each body, in its own axes: minus the force m (g - a) on its centre of mass, and I dw/dt + w x I w about it
+    a = batch.xdd + np.cross(batch.alpha, arm) + np.cross(w, np.cross(w, arm)) - system.gravity @ batch.R
+    spin = np.einsum("bij,nbj->nbi", system.inertia, w)
+    moment = np.einsum("bij,nbj->nbi", system.inertia, batch.alpha) + np.cross(w, spin)
+    bias = np.einsum("b,nbij,nbi->nj", system.mass, linear, a) + np.einsum("nbij,nbi->nj", angular, moment)
+    out: Array = -np.linalg.solve(mass_matrices(batch, system), bias[..., None])[..., 0]
+    if len(system.k_res.linear):
+        learned = learned_accelerations(system.k_res, batch.features, system.nv)
+        out[:, :3] += np.einsum("nij,nj->ni", batch.R[:, 0], learned[:, :3])
+        out[:, 3:] += learned[:, 3:]
     return out
+
+
+def mass_norms(system: System, q: Array, a: Array) -> Array:
+    """sqrt(a^T M(q) a) (B,) of accelerations a (B, nv) at configurations q (B, nq).
+
+    Args:
+        system: The simulator's parameters.
+        q: (B, nq) configurations.
+        a: (B, nv) accelerations.
+    """
+    M = mass_matrices(tree_batch(system, q, np.zeros_like(a)), system)
+    return np.sqrt(np.einsum("ni,nij,nj->n", a, M, a))
+
+
+def _jacobians_of_com(batch: TreeBatch, system: System) -> tuple[Array, Array]:
+    """(B, n_b, 3, nv) of the bodies' spins and of their centres of mass, in their own axes."""
+    angular = batch.X[:, :, :3]
+    return angular, batch.X[:, :, 3:] - skew(system.com) @ angular

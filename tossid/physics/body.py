@@ -5,7 +5,7 @@ About the centre of mass S is the inertia itself, so that nothing is factorised 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,15 +16,15 @@ from tossid.physics.contact.rounds import Shape, bulge, is_round, lowest_offset
 from tossid.physics.forces import (
     SPIN,
     Forces,
-    forces_of,
     inverse_damped_inertia,
-    law_of,
     power_factor,
     to_world,
     velocity_change,
 )
 from tossid.physics.registered_forces import RegisteredForce, acts, has_wrench, wrench_of
-from tossid.physics.system import System
+
+if TYPE_CHECKING:
+    from tossid.physics.system import System
 
 Array = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ def make_body(system: System) -> Body | None:
     """
     if system.nv != 6:
         return None
-    mass, inertia = float(system.mass[0]), np.ascontiguousarray(system.inertia[0])
+    mass, inertia = float(system.mass[0]), np.array(system.inertia[0])
     try:
         L = np.linalg.cholesky(inertia)
         inverse = np.linalg.inv(inertia)
@@ -109,18 +109,18 @@ def make_body(system: System) -> Body | None:
     if not (mass > 0.0 and np.isfinite(root).all()):
         return None
     np.fill_diagonal(L, 1.0 / np.diag(L))
-    forces = forces_of(system.forces)
+    forces = Forces(*map(float, system.forces))
     return Body(
         mass=mass,
-        com=np.ascontiguousarray(system.com[0]),
+        com=np.array(system.com[0]),
         inertia=inertia,
         inverse=inverse,
         root=np.ascontiguousarray(root),
         L=np.ascontiguousarray(L),
-        parent=system.parent,
-        corner_body=system.corner_body,
-        corner_pos=np.ascontiguousarray(rounded_corner_centres(system.corner_pos, law_of(system.law).rounding)),
-        gravity=np.ascontiguousarray(system.gravity),
+        parent=np.array(system.parent),
+        corner_body=np.array(system.corner_body),
+        corner_pos=np.ascontiguousarray(rounded_corner_centres(system.corner_pos, system.law.rounding)),
+        gravity=np.array(system.gravity),
         acts=forces.acts or acts(system.registered),
         h_matters=forces.acts,
         pose_matters=bool(forces.acts or acts(system.registered) or system.com[0].any()),
@@ -259,28 +259,9 @@ def _add_impulse(model, work, g, xi, out):  # type: ignore[no-untyped-def]
     out[2] = xi[2] + W[2, 0] * g0 + W[2, 1] * g1 + W[2, 2] * g2
 
 
-@implements(moving.corner_speed, Body)
-def _corner_speed(model, work, s, corners, c):  # type: ignore[no-untyped-def]
-    R, w0, w1, w2 = s.R, s.xi_start[0], s.xi_start[1], s.xi_start[2]
-    d0, d1, d2 = model.corner_pos[c, 0], model.corner_pos[c, 1], model.corner_pos[c, 2]
-    if is_round(model.shape):
-        d0, d1, d2 = corners.place[c, 0], corners.place[c, 1], corners.place[c, 2]
-    return s.v[2] + R[2, 0] * (w1 * d2 - w2 * d1) + R[2, 1] * (w2 * d0 - w0 * d2) + R[2, 2] * (w0 * d1 - w1 * d0)
-
-
 @implements(moving.spin_row, Body)
 def _spin_row(model, work, body, a0, a1, a2, row):  # type: ignore[no-untyped-def]
     row[0], row[1], row[2] = a0, a1, a2
-
-
-@implements(moving.falling, Body)
-def _falling(model, work, s, corners, c):  # type: ignore[no-untyped-def]
-    # g_z - e_z . R (a - dw/dt x c) + J_n dw/dt
-    c0, c1, c2 = moving.common_velocity(model, work, s.rate, 0)
-    fall = model.gravity[2] + s.R[2, 0] * (c0 - s.a[0]) + s.R[2, 1] * (c1 - s.a[1]) + s.R[2, 2] * (c2 - s.a[2])
-    for i in range(3):
-        fall += corners.tau[c, 0, i] * s.rate[i]
-    return fall + moving.turning(model, work, s, corners, c, 0)
 
 
 @implements(moving.turning, Body)

@@ -1,4 +1,4 @@
-"""Forces of the state on a single body, and contact beyond a constant friction: what `body` adds to its step.
+"""Forces of the state on a single body.
 
 Forces act at the centre of mass p, with velocity u and world spin omega, and are taken at the step's middle.
 With O = magnus / m omega + turning e_z and k the drag per mass at the speed there,
@@ -7,14 +7,6 @@ With O = magnus / m omega + turning e_z and k the drag per mass at the speed the
 
 is second order, conserves the energy of a spring over long times, and is stable for any drag: u' is solved for.
 Spin drag is likewise implicit in the mean spin.
-
-What contact adds depends on the contact itself, and is lagged so that the contact problem stays one of constant
-friction. All but an impact's resistance to spin, which follows it, is known before the problem is solved:
-
-    speed in friction       the corner's slip at the step's start: before an impact, or at the end of the last step
-    direction in friction   the corner's slip without this step's contact forces; that is where the load pushes
-    load of resistance      the normal impulse of the step before, over all corners; of an impact, its own
-    adhesion                of corners that carried load in the step before or are within `adhesion_reach`
 """
 
 from __future__ import annotations
@@ -108,65 +100,6 @@ class Forces(NamedTuple):
         return self != rest
 
 
-class Law(NamedTuple):
-    """Contact beyond a constant friction.
-
-    Attributes:
-        static_rel: friction at rest over that of fast sliding. At slip speed s it is
-            mu (1 + (static_rel - 1) exp(-(s / slip_speed)²)).
-        slip_speed: [m/s].
-        y_rel: friction along the world's y over that along x; 1 / mu² = d_x² / mu_x² + d_y² / mu_y² for a slip along d.
-        torsional: torque per normal force against spin about the vertical [m].
-        rolling: torque per normal force against spin about the horizontal [m].
-        adhesion: pull of the ground on each touching corner [N].
-        lifting: height of a corner below which a step's contact problem is the convex relaxation of Coulomb's law
-            (Anitescu 2006), as MuJoCo has it: what slips at s leaves the ground at mu s [m]. 0: Coulomb's law.
-        rounding: radius of the corners, spheres that touch the faces of a box with sharp ones [m].
-        added_mass: of each corner in contact that yields [kg]: its force is that of its spring and damper, less this
-            mass times its acceleration (MuJoCo's 1 / R, by which contact holds most of a load at once).
-        margin: height of a corner at the beginning of a step from which on it is not in contact within the step, for
-            contact that yields [m]. MuJoCo has 0 by default; without a limit, it is in contact where it comes down.
-        impulse_parts: parts in which the impulse of a rigid impact is found, each with friction against the slip as it
-            is then (Routh; Keller, "Impact with friction", J. Appl. Mech. 53, 1986). 1: all at once, against the slip
-            after the impact.
-    """
-
-    static_rel: float = 1.0
-    slip_speed: float = 0.1
-    y_rel: float = 1.0
-    torsional: float = 0.0
-    rolling: float = 0.0
-    adhesion: float = 0.0
-    lifting: float = 0.0
-    rounding: float = 0.0
-    added_mass: float = 0.0
-    margin: float = math.inf
-    impulse_parts: float = 1.0
-
-    @property
-    def acts(self) -> bool:
-        """Whether contact differs from that of a constant friction; the slip speed alone does not."""
-        return self != Law(slip_speed=self.slip_speed, impulse_parts=self.impulse_parts)
-
-
-def forces_of(numbers: Array) -> Forces:
-    """The forces that a system's numbers stand for.
-
-    Args:
-        numbers: (17,) the fields of `Forces` in their order, or (0,) for none.
-    """
-    return Forces(*map(float, numbers))
-
-
-def law_of(numbers: Array) -> Law:
-    """The law of contact that a system's numbers stand for.
-
-    Args:
-        numbers: (11,) the fields of `Law` in their order, or (0,) for the nominal law.
-    """
-    return Law(*map(float, numbers))
-
-
 @lean_kernel
 def inverse_damped_inertia(inertia, c, out):  # type: ignore[no-untyped-def]
     """out (3, 3) = (I + c 1)^-1 of an inertia I (3, 3) and a damping c [kg m²], by cofactors."""
@@ -252,16 +185,3 @@ def velocity_change(forces, registered, gravity, over_m, h, R, position, velocit
     s2 = b * (m2 + o0 * m1 - o1 * m0 + o2 * s)
     # u' - u = 2 (U - e)
     return 2.0 * (s0 - e0) - h * gravity[0], 2.0 * (s1 - e1) - h * gravity[1], 2.0 * (s2 - e2) - h * gravity[2]
-
-
-@lean_kernel
-def friction_of(law, mu, before_x, before_y, free_x, free_y):  # type: ignore[no-untyped-def]
-    """A corner's friction coefficient in this step, of its slips [m/s] at the start and without contact forces."""
-    if law.static_rel != 1.0:
-        s = (before_x * before_x + before_y * before_y) / (law.slip_speed * law.slip_speed)
-        mu *= 1.0 + (law.static_rel - 1.0) * math.exp(-s)
-    if law.y_rel != 1.0:
-        s = free_x * free_x + free_y * free_y
-        if s > 0.0:
-            mu *= math.sqrt(s / (free_x * free_x + free_y * free_y / (law.y_rel * law.y_rel)))
-    return mu

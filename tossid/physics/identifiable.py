@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.objects import ObjectModel
-from tossid.physics.batch import TreeBatch, tree_batch
+from tossid.physics.batch import TreeBatch, mass_matrices, tree_batch
 from tossid.physics.system import make_system
 from tossid.rotations import skew
 
@@ -123,8 +123,8 @@ def inertia_about_com(model: ObjectModel) -> Array:
     n = STATES * model.n_joints if model.n_joints else 1
     q = np.zeros((n, model.nq))
     q[:, 3], q[:, 7:] = 1.0, np.random.default_rng(0).uniform(-np.pi, np.pi, (n, model.n_joints))
-    rows = energy_rows(tree_batch(make_system(model), q, np.zeros((n, model.nv))), model, model.inertia)
-    M = rows.swapaxes(-1, -2) @ rows
+    system = make_system(model)
+    M = mass_matrices(tree_batch(system, q, np.zeros((n, model.nv))), system)
     across = M[:, :3, 3:]
     return np.asarray(M[:, 3:, 3:] - across.swapaxes(-1, -2) @ np.linalg.solve(M[:, :3, :3], across))
 

@@ -5,13 +5,12 @@ Free motion comes from `articulated`, what acts beside gravity from `pulls`.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.kernels import implements, inlined_kernel
-from tossid.objects import JointLaw, free_joints
 from tossid.physics import articulated, moving
 from tossid.physics.articulated import (
     ACCEL,
@@ -26,11 +25,14 @@ from tossid.physics.articulated import (
     turning_acceleration,
 )
 from tossid.physics.body import rounded_corner_centres
+from tossid.physics.cholesky import back_substitute
 from tossid.physics.contact.rounds import Shape, bulge, is_round, lowest_offset
-from tossid.physics.forces import Forces, forces_of, law_of
-from tossid.physics.pulls import add_forces, joint_torques, resist_joints
+from tossid.physics.forces import Forces
+from tossid.physics.pulls import Joints, add_forces, joint_torques, resist_joints
 from tossid.physics.registered_forces import RegisteredForce, acts
-from tossid.physics.system import System
+
+if TYPE_CHECKING:
+    from tossid.physics.system import System
 
 Array = NDArray[np.float64]
 
@@ -68,7 +70,7 @@ class Links(NamedTuple):
     pose_matters: bool
     rests: bool
     jointed: bool
-    joints: JointLaw
+    joints: Joints
     forced: bool
     forces: Forces
     registered: RegisteredForce
@@ -113,24 +115,26 @@ def make_links(system: System) -> Links:
     Args:
         system: the simulator's parameters.
     """
-    forces, law = forces_of(system.forces), law_of(system.law)
-    joints = system.joints if len(system.joints.damping) else free_joints(len(system.parent))
+    forces, law = Forces(*map(float, system.forces)), system.law
+    law_of_joints = system.joints
+    given = len(law_of_joints.damping) > 0
+    joints = Joints(*(np.array(part) if given else np.zeros(len(system.parent)) for part in law_of_joints))
     corner_pos = system.corner_pos.copy()
     for body in set(system.corner_body.tolist()):
         mine = system.corner_body == body
         corner_pos[mine] = rounded_corner_centres(system.corner_pos[mine], law.rounding)
     return Links(
         tree=make_articulated(system),
-        parent=system.parent,
-        corner_body=system.corner_body,
+        parent=np.array(system.parent),
+        corner_body=np.array(system.corner_body),
         corner_pos=corner_pos,
-        gravity=system.gravity,
+        gravity=np.array(system.gravity),
         total=float(system.mass.sum()),
-        acts=bool(joints.acts and joints.friction.max() > 0.0),
-        h_matters=bool(forces.acts or acts(system.registered) or joints.acts),
+        acts=bool(law_of_joints.acts and joints.friction.max() > 0.0),
+        h_matters=bool(forces.acts or acts(system.registered) or law_of_joints.acts),
         pose_matters=True,
         rests=False,
-        jointed=joints.acts,
+        jointed=law_of_joints.acts,
         joints=joints,
         forced=forces.acts or acts(system.registered),
         forces=forces,
@@ -224,32 +228,14 @@ def _whiten(model, work, corners, c, k, column):  # type: ignore[no-untyped-def]
 
 @implements(moving.add_impulse, Links)
 def _add_impulse(model, work, g, xi, out):  # type: ignore[no-untyped-def]
-    articulated.back_substitute(work.L, g, g.shape[0])
+    back_substitute(work.L, g, g.shape[0])
     for x in range(g.shape[0]):
         out[x] = xi[x] + g[x]
-
-
-@implements(moving.corner_speed, Links)
-def _corner_speed(model, work, s, corners, c):  # type: ignore[no-untyped-def]
-    v = s.u_start[0]
-    for x in range(s.xi_start.shape[0]):
-        v += corners.tau[c, 0, x] * s.xi_start[x]
-    return v
 
 
 @implements(moving.spin_row, Links)
 def _spin_row(model, work, body, a0, a1, a2, row):  # type: ignore[no-untyped-def]
     articulated.spin_row(model.tree, work.P, body, a0, a1, a2, row)
-
-
-@implements(moving.falling, Links)
-def _falling(model, work, s, corners, c):  # type: ignore[no-untyped-def]
-    P, R = work.P, s.R
-    c0, c1, c2 = articulated.common_velocity(P, s.rate, 0)
-    fall = model.gravity[2] + R[2, 0] * (c0 - s.a[0]) + R[2, 1] * (c1 - s.a[1]) + R[2, 2] * (c2 - s.a[2])
-    for x in range(s.rate.shape[0]):
-        fall += corners.tau[c, 0, x] * s.rate[x]
-    return fall + moving.turning(model, work, s, corners, c, 0)
 
 
 @implements(moving.turning, Links)

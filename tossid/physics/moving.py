@@ -1,12 +1,12 @@
 """What the time-stepping kernel asks of an object in motion: one name each, an implementation for a body and a tree.
 
 In the base's axes about the common centre of mass, with u the velocity of that point and xi = (spin of the base, joint
-rates) of length n_x, the mass matrix is diag(m 1, S), S = L L^T (see `tree_kernels`). A contact direction a (world) at
+rates) of length n_x, the mass matrix is diag(m 1, S), S = L L^T (see `articulated`). A contact direction a (world) at
 the place r (base's axes, from the base's origin) has the row (a, tau):
 
     a . velocity = a . u + tau . xi,      J_i M^-1 J_j^T = a_i . a_j / m + G_i . G_j,      G = W^T tau,  S^-1 = W W^T
 
-`model` is the object (`Body` or `Tree`), `work` its scratch of `model.make_work()`, `s` the `State` of the step.
+`model` is the object (`Body` or `Links`), `work` its scratch of `model.make_work()`, `s` the `State` of the step.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.kernels import by_type, fused_kernel
-from tossid.physics.system import N_WORLD
+from tossid.physics.network import N_WORLD
 
 Array = NDArray[np.float64]
 
@@ -132,20 +132,8 @@ def add_impulse(model, work, g, xi, out):  # type: ignore[no-untyped-def]
 
 
 @by_type
-def corner_speed(model, work, s, corners, c):  # type: ignore[no-untyped-def]
-    """Vertical velocity of corner c at the step's start [m/s]. After `find_corners`."""
-    raise NotImplementedError
-
-
-@by_type
 def spin_row(model, work, body, a0, a1, a2, row):  # type: ignore[no-untyped-def]
     """row (n_x,) with row . xi the spin of a body about the direction a (base's axes)."""
-    raise NotImplementedError
-
-
-@by_type
-def falling(model, work, s, corners, c):  # type: ignore[no-untyped-def]
-    """Vertical acceleration of corner c without contact [m/s²]: J_n dv/dt and `turning`. After `accelerate`."""
     raise NotImplementedError
 
 

@@ -16,11 +16,17 @@ the load that its own corners carried in the step before, or take up in an impac
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
 from tossid.kernels import fused_lean_kernel
 from tossid.physics.articulated import (
     ANCHOR,
     AXIS,
     FORCE,
+    HINGE,
     INERTIA,
     SPIN,
     TORQUE,
@@ -28,14 +34,25 @@ from tossid.physics.articulated import (
     cross,
     rotated,
 )
-from tossid.physics.contact.holding import solve_rates
+from tossid.physics.cholesky import solve_rates
 from tossid.physics.forces import SPIN as SPIN_POWER
 from tossid.physics.forces import power_factor, to_world, velocity_change
 from tossid.physics.registered_forces import has_wrench, wrench_of
-from tossid.physics.tree import HINGE
+
+Array = NDArray[np.float64]
 
 SWEEPS = 8
 """Over the joints that rub, if there are several: each changes the others' rates."""
+
+
+class Joints(NamedTuple):
+    """The fields of `objects.JointLaw`, each (n_b,), as kernels read them."""
+
+    damping: Array
+    friction: Array
+    stiffness: Array
+    rest: Array
+    armature: Array
 
 
 @fused_lean_kernel

@@ -9,39 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from tossid.errors import ObjectError
 from tossid.objects import GRAVITY, JointLaw, ObjectModel
+from tossid.physics.contact.law import Law
 from tossid.physics.contact.rounds import Points, Shape, shape_of
+from tossid.physics.forces import Forces
+from tossid.physics.network import LearnedAcceleration, no_learned_acceleration
 from tossid.physics.registered_forces import NoForce, RegisteredForce
 from tossid.settings.limits import VALUES
 
 Array = NDArray[np.float64]
-
-
-class LearnedAcceleration(NamedTuple):
-    """A learned acceleration a_res(q, v) = W f + W2 tanh(W1 tanh(W0 f + b0) + b1).
-
-    f are the first features of `free.features`. Those of the body are in the base's
-    frame, where the world's symmetries (translation, turning about the vertical) are
-    exact; the first nv outputs are an acceleration in the same frame. Velocity enters
-    f as |v| R^T v, so that a linear drag matrix is quadratic drag. With the features of
-    the world, too, there may be three more outputs: an acceleration of the base's origin
-    along the world's axes. The force is k_res = M a_res. Empty arrays (zero rows of
-    `linear`) mean none.
-
-    Attributes:
-        linear: (n_out, n_f) W; n_out is nv or nv + 3.
-        W0: (h, n_f).
-        b0: (h,).
-        W1: (h, h).
-        b1: (h,).
-        W2: (n_out, h).
-    """
-
-    linear: Array
-    W0: Array
-    b0: Array
-    W1: Array
-    b1: Array
-    W2: Array
 
 
 class System(NamedTuple):
@@ -66,8 +41,8 @@ class System(NamedTuple):
         compliance: how far a corner sinks for each newton on it, 1 / stiffness [m/N]; 0 for rigid contact.
         relaxation: damping over stiffness of a corner [s]: what sank comes out as exp(-t / relaxation).
         cohesion: c of |f_t| <= mu f_n + c [N]; the bound stays below 2 mu f_n. The law is in `stepping`.
-        forces: (17,) the fields of `forces.Forces` in their order, (0,) for none.
-        law: (11,) the fields of `forces.Law` in their order, (0,) for a constant friction.
+        forces: of the state, beside gravity.
+        law: contact beyond a constant friction.
         joints: what acts in the joints; empty arrays for nothing.
         registered: the user's own force (`registered_forces`).
         shape: what stands at the corners (`rounds`).
@@ -91,8 +66,8 @@ class System(NamedTuple):
     compliance: float = 0.0
     relaxation: float = 0.0
     cohesion: float = 0.0
-    forces: Array = np.zeros(0)
-    law: Array = np.zeros(0)
+    forces: Forces = Forces()
+    law: Law = Law()
     joints: JointLaw = JointLaw(*np.zeros((5, 0)))
     registered: RegisteredForce = NoForce()
     shape: Shape = Points()
@@ -111,34 +86,6 @@ class System(NamedTuple):
     def n_corners(self) -> int:
         """Number of corners."""
         return len(self.corner_body)
-
-
-N_WORLD = 13
-"""Features of the world: the world's x (3) and y (3) in the base's axes, one (1), position (3), velocity (3)."""
-
-
-def n_features(n_joints: int, *, world: bool = False) -> int:
-    """Number of the learned acceleration's features.
-
-    Those of the body: vertical (3), |v| v (3), spin (3); sin, cos, rate of each joint. Those of the world follow.
-
-    Args:
-        n_joints: of the object.
-        world: with those of the world.
-    """
-    return 9 + 3 * n_joints + (N_WORLD if world else 0)
-
-
-def no_learned_acceleration(n_joints: int) -> LearnedAcceleration:
-    """A learned acceleration that is absent.
-
-    Args:
-        n_joints: of the object.
-    """
-    nv, nf = 6 + n_joints, n_features(n_joints)
-    return LearnedAcceleration(
-        np.zeros((0, nf)), np.zeros((0, nf)), np.zeros(0), np.zeros((0, 0)), np.zeros(0), np.zeros((nv, 0))
-    )
 
 
 def make_system(
@@ -171,19 +118,18 @@ def make_system(
         raise ObjectError(f"gravity is {g} m/s², expected at most {VALUES.gravity:g} m/s²")
     if not ((mu >= 0) & (mu <= VALUES.friction)).all():
         raise ObjectError(f"object '{model.name}': friction is {mu}, expected 0 to {VALUES.friction:g}")
-    contiguous = np.ascontiguousarray
     return System(
-        parent=contiguous(model.parent),
-        joint_type=contiguous(model.joint_type),
-        joint_pos=contiguous(model.joint_pos),
-        joint_axis=contiguous(model.joint_axis),
-        body_pos=contiguous(model.body_pos),
-        body_quat=contiguous(model.body_quat),
-        mass=contiguous(model.mass),
-        com=contiguous(model.com),
-        inertia=contiguous(model.inertia),
-        corner_body=contiguous(model.corner_body),
-        corner_pos=contiguous(model.corner_pos),
+        parent=np.array(model.parent),
+        joint_type=np.array(model.joint_type),
+        joint_pos=np.array(model.joint_pos),
+        joint_axis=np.array(model.joint_axis),
+        body_pos=np.array(model.body_pos),
+        body_quat=np.array(model.body_quat),
+        mass=np.array(model.mass),
+        com=np.array(model.com),
+        inertia=np.array(model.inertia),
+        corner_body=np.array(model.corner_body),
+        corner_pos=np.array(model.corner_pos),
         mu=np.broadcast_to(mu, (model.n_corners,)).copy(),
         restitution=float(model.restitution),
         gravity=g.copy() if g.ndim else np.array([0.0, 0.0, -float(g)]),
@@ -191,6 +137,6 @@ def make_system(
         compliance=float(model.compliance),
         relaxation=float(model.relaxation),
         cohesion=float(model.cohesion),
-        joints=JointLaw(*map(contiguous, model.joints)),
+        joints=JointLaw(*map(np.array, model.joints)),
         shape=shape_of(model.roundness),
     )

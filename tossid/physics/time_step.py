@@ -1,28 +1,37 @@
-"""The time-stepping kernel: the scheme of `stepping` for any model (`moving`), law of contact and contact solver."""
+"""The time step: docs/method/scheme.md for any model (`moving`), law of contact and contact solver.
+
+`advance_frame` asks for the `next_event`, has `contact_solve` find the impulses of a `free_step` or a `strike`, and
+`integrate`s. Numbers of equations are those of that page.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.kernels import inlined_kernel, kernel
-from tossid.physics.contact.holding import adhere, spins_taken
+from tossid.physics.contact.holding import adhere, find_spin_taken
 from tossid.physics.contact.impacts import STEADY, carry_over, first_impact
-from tossid.physics.contact.law import UNKNOWN
-from tossid.physics.contact.problem import find_corners, find_gaps, find_rows, velocity
-from tossid.physics.contact.resolve import keep_warm, resolve_contact
-from tossid.physics.moving import (
-    accelerate,
-    act_on_free,
-    common_velocity,
-    kinematics,
-    n_rates,
+from tossid.physics.contact.law import ContactLaw
+from tossid.physics.contact.problem import (
+    begin_toss,
+    find_corners,
+    find_gaps,
+    find_gaps_of_strike,
+    find_rows,
+    gives_way,
+    keep_warm,
+    make_corners,
+    velocity,
 )
-from tossid.physics.network import network
+from tossid.physics.contact.resolve import resolve_contact
+from tossid.physics.moving import make_state, n_rates
+from tossid.physics.network import Network
 from tossid.physics.solvers.workspace import LAM
+from tossid.physics.step_motion import drift, find_accelerations, free_velocity, move, origin_velocity
 
 Array = NDArray[np.float64]
 
@@ -37,8 +46,6 @@ after so many steps. What gives way creeps on, and is followed."""
 REPEATS = 2
 """Times that a step is solved again for resistance to spin, which hangs on the step's own load, and half as often for
 cohesion, which does so too. Where steps do not end at impacts, the last step's load stands for it."""
-RUNAWAY = 1e9
-"""Sum of a state's numbers above which the toss has left all bounds."""
 
 
 class StepSettings(NamedTuple):
@@ -55,6 +62,46 @@ class StepSettings(NamedTuple):
     substeps: int
     impact_parts: int
     tolerance: float
+
+
+class Engine(NamedTuple):
+    """What moves a toss on.
+
+    Attributes:
+        model: `Body` or `Links`.
+        law: of contact.
+        k_res: the learned acceleration.
+        solver: of contact, registered.
+        settings: of time stepping.
+        at_impacts: whether steps end where rigid contact begins.
+    """
+
+    model: Any
+    law: ContactLaw
+    k_res: Network
+    solver: Any
+    settings: StepSettings
+    at_impacts: bool
+
+
+class Step(NamedTuple):
+    """What is to happen next.
+
+    Attributes:
+        h: length of the step [s].
+        parts: such steps one after another, before the next event is looked for.
+        strike: whether it is an impulse, of no length.
+        midpoint: whether `State` is that of the step's middle.
+        low: whether a corner is within reach of the ground.
+        regular: whether the mass matrix is positive.
+    """
+
+    h: float
+    parts: int
+    strike: bool
+    midpoint: bool
+    low: bool
+    regular: bool
 
 
 class Tosses(NamedTuple):
@@ -91,144 +138,21 @@ class Simulation(NamedTuple):
     finite: NDArray[np.bool_]
 
 
-@inlined_kernel
-def turned(a, b, d, e, x, y, z):  # type: ignore[no-untyped-def]
-    """Quaternion (a, b, d, e) times exp(x, y, z), half a rotation vector: by series for the small angles of a step."""
-    angle = x * x + y * y + z * z
-    if angle < 0.04:
-        s = 1.0 - angle / 6.0 * (1.0 - angle / 20.0 * (1.0 - angle / 42.0 * (1.0 - angle / 72.0)))
-        co = 1.0 - angle / 2.0 * (
-            1.0 - angle / 12.0 * (1.0 - angle / 30.0 * (1.0 - angle / 56.0 * (1.0 - angle / 90.0)))
-        )
-    else:
-        angle = math.sqrt(angle)
-        s, co = math.sin(angle) / angle, math.cos(angle)
-    x, y, z = s * x, s * y, s * z
-    w0, w1 = a * co - b * x - d * y - e * z, a * x + b * co + d * z - e * y
-    w2, w3 = a * y - b * z + d * co + e * x, a * z + b * y - d * x + e * co
-    s = 1.0 / math.sqrt(w0 * w0 + w1 * w1 + w2 * w2 + w3 * w3)
-    return s * w0, s * w1, s * w2, s * w3
-
-
-@inlined_kernel
-def rotation(q, R):  # type: ignore[no-untyped-def]
-    """R (3, 3) of the quaternion q[3:7]."""
-    a, b, d, e = q[3], q[4], q[5], q[6]
-    R[0, 0], R[0, 1], R[0, 2] = 1.0 - 2.0 * (d * d + e * e), 2.0 * (b * d - a * e), 2.0 * (b * e + a * d)
-    R[1, 0], R[1, 1], R[1, 2] = 2.0 * (b * d + a * e), 1.0 - 2.0 * (b * b + e * e), 2.0 * (d * e - a * b)
-    R[2, 0], R[2, 1], R[2, 2] = 2.0 * (b * e - a * d), 2.0 * (d * e + a * b), 1.0 - 2.0 * (b * b + d * d)
-
-
-@inlined_kernel
-def add_learned(k_res, s, nx):  # type: ignore[no-untyped-def]
-    """Add the learned acceleration (`free.features`) to s.a and s.rate; at once again where they are found anew."""
-    R, q, v, f = s.R, s.q, s.v, s.feature
-    speed = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    for i in range(3):
-        f[i] = R[2, i]
-        f[3 + i] = speed * (R[0, i] * v[0] + R[1, i] * v[1] + R[2, i] * v[2])
-        f[6 + i] = 0.1 * v[3 + i]
-    for j in range(nx - 3):
-        f[9 + 3 * j], f[10 + 3 * j], f[11 + 3 * j] = math.sin(q[7 + j]), math.cos(q[7 + j]), 0.1 * v[6 + j]
-    n = 3 * nx
-    if k_res.linear.shape[0] > n:
-        f[n + 6] = 1.0
-        for i in range(3):
-            f[n + i], f[n + 3 + i] = R[0, i], R[1, i]
-            f[n + 7 + i], f[n + 10 + i] = q[i], v[i]
-    network(k_res, f, s.hidden, s.learned)
-    for i in range(3):
-        s.a[i] -= s.learned[i]
-    for x in range(nx):
-        s.rate[x] += s.learned[3 + x]
-    for k in range(k_res.linear.shape[1] - 3 - nx):  # along the world's axes
-        for i in range(3):
-            s.a[i] -= R[k, i] * s.learned[3 + nx + k]
-
-
-@inlined_kernel
-def start_velocity(model, work, s):  # type: ignore[no-untyped-def]
-    """s.u_start of s.v and s.xi_start: the common centre of mass moves with the origin and what the rates add."""
-    R = s.R
-    c0, c1, c2 = common_velocity(model, work, s.xi_start, 0)
-    for k in range(3):
-        i = k - 1 if k else 2
-        s.u_start[k] = s.v[i] + (R[i, 0] * c0 + R[i, 1] * c1 + R[i, 2] * c2)
-
-
-@inlined_kernel
-def free_velocity(model, work, s, h):  # type: ignore[no-untyped-def]
-    """v_free = v + h (g - R a) and xi_free = xi + h d xi / dt into s.v_next, s.xi, and s.u of the centre of mass."""
-    R, nx = s.R, n_rates(model)
-    for i in range(3):
-        pulled = R[i, 0] * s.a[0] + R[i, 1] * s.a[1] + R[i, 2] * s.a[2]
-        s.v_next[i] = s.v[i] + h * (model.gravity[i] - pulled)
-    for x in range(nx):
-        s.v_next[3 + x] = s.xi_start[x] + h * s.rate[x]
-        s.xi[x] = s.v_next[3 + x]
-    if model.acts:
-        act_on_free(model, work, s, h)
-    c0, c1, c2 = common_velocity(model, work, s.v_next, 3)
-    for k in range(3):
-        i = k - 1 if k else 2
-        s.u[k] = s.v_next[i] + R[i, 0] * c0 + R[i, 1] * c1 + R[i, 2] * c2
-
-
-@inlined_kernel
-def origin_velocity(model, work, s):  # type: ignore[no-untyped-def]
-    """s.v_next of s.u and s.xi: the base's origin moves with u less what the rates add at the common centre of mass."""
-    R = s.R
-    c0, c1, c2 = common_velocity(model, work, s.xi, 0)
-    for k in range(3):
-        i = k - 1 if k else 2
-        s.v_next[i] = s.u[k] - (R[i, 0] * c0 + R[i, 1] * c1 + R[i, 2] * c2)
-    for x in range(n_rates(model)):
-        s.v_next[3 + x] = s.xi[x]
-
-
-@inlined_kernel
-def drift(q, v, h, nx, out):  # type: ignore[no-untyped-def]
-    """out = q moved along v for a time h; out may be q."""
-    for i in range(3):
-        out[i] = q[i] + h * v[i]
-    out[3], out[4], out[5], out[6] = turned(q[3], q[4], q[5], q[6], 0.5 * h * v[3], 0.5 * h * v[4], 0.5 * h * v[5])
-    for j in range(nx - 3):
-        out[7 + j] = q[7 + j] + h * v[6 + j]
-
-
-@inlined_kernel
-def between(old, new, mean):  # type: ignore[no-untyped-def]
-    """The mean of two numbers if `mean`, else the new one."""
-    return 0.5 * (old + new) if mean else new
-
-
-@inlined_kernel
-def move(model, s, h, mean):  # type: ignore[no-untyped-def]
-    """s.q_next: s.q moved along v' or, if `mean`, along (v + v') / 2, for a time h. Whether the state is in bounds."""
-    q, v, v_next, q_next, size = s.q, s.v, s.v_next, s.q_next, 0.0
-    for i in range(3):
-        q_next[i] = q[i] + h * between(v[i], v_next[i], mean)
-    x, y, z = between(v[3], v_next[3], mean), between(v[4], v_next[4], mean), between(v[5], v_next[5], mean)
-    q_next[3], q_next[4], q_next[5], q_next[6] = turned(q[3], q[4], q[5], q[6], 0.5 * h * x, 0.5 * h * y, 0.5 * h * z)
-    for j in range(n_rates(model) - 3):
-        q_next[7 + j] = q[7 + j] + h * between(v[6 + j], v_next[6 + j], mean)
-    for i in range(4 + n_rates(model)):
-        size += abs(q_next[i])
-    for i in range(3 + n_rates(model)):
-        size += abs(v_next[i])
-    return size < RUNAWAY
+@kernel
+def simulate_part(engine, tosses, out, work, first, last):  # type: ignore[no-untyped-def]
+    """`simulate_tosses` with its own scratch: to hand thirty more arrays to a kernel takes longer than one motion."""
+    nv = tosses.v.shape[1]
+    corners = make_corners(engine.law.mu.shape[0], nv - 3)
+    state = make_state(tosses.q.shape[1], nv, engine.k_res.b0.shape[0])
+    simulate_tosses(engine, tosses, out, work, state, corners, first, last)
 
 
 @kernel(allocates=False)
-def simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, s, corners, first, last):  # type: ignore[no-untyped-def]
-    """Simulate tosses first..last-1 into `out`, a `stepping.Simulation`.
+def simulate_tosses(engine, tosses, out, work, s, corners, first, last):  # type: ignore[no-untyped-def]
+    """Simulate tosses first..last-1 into `out`, a `Simulation`.
 
     Args:
-        model: `Body` or `Links`.
-        law: `ContactLaw`.
-        k_res: `Network`.
-        solver: of contact, registered.
-        settings: `StepSettings`.
+        engine: `Engine`.
         tosses: `Tosses`.
         out: `Simulation`.
         work: scratch of the model.
@@ -237,158 +161,230 @@ def simulate_tosses(model, law, k_res, solver, settings, tosses, out, work, s, c
         first: of the tosses.
         last: the one after the last.
     """
-    dt, substeps, impact_parts, tolerance = settings
-    nq, nv, nc, nx = tosses.q.shape[1], tosses.v.shape[1], law.mu.shape[0], n_rates(model)
-    V, chosen, warm = corners.V, corners.chosen, corners.warm
-    beyond, learned = law.beyond, k_res.linear.shape[1] > 0
-    rigid, cut = law.compliance == 0.0 and law.relaxation == 0.0, impact_parts > 1
-    whole = not (cut and rigid)  # steps do not end at impacts
-    central = cut and rigid and beyond.lifting == 0.0  # contact acts along the directions of a step's middle
-    adhesive, resists = beyond.adhesion != 0.0, beyond.torsional != 0.0 or beyond.rolling != 0.0
-    coheres, held = law.cohesion > 0.0, adhesive or resists
-    h = loaded = dt / substeps  # of a step, and of that whose impulses are in `warm`
+    dt = engine.settings.dt
     for toss in range(first, last):
-        for i in range(nq):
-            s.q[i] = out.q[toss, 0, i] = tosses.q[toss, i]
-        for i in range(nv):
-            s.v[i] = out.v[toss, 0, i] = tosses.v[toss, i]
-        cold = nc > 0  # not a literal, of which numba would compile a second version
-        for c in range(nc):
-            corners.sunk[c] = UNKNOWN
-        reached, quiet, uneven = 0, 0, nc > 0
-        for step in range(tosses.n_steps[toss]):
-            done, left, rest, strikes, again = 0, 0, dt, np.int64(0), 0
-            while done < substeps:
-                for x in range(nx):
-                    s.xi_start[x] = s.v[3 + x]
-                begins, strike, halfway = cut and left == 0, False, False
-                if begins:
-                    h = dt / substeps
-                    if rigid:
-                        h = rest / max(1.0, math.ceil(rest / h - 1e-6))
-                low, known = False, False  # known: how long the step is, and where in it forces are found
-                while True:
-                    rotation(s.q, s.R)
-                    kinematics(model, work, s)
-                    good = accelerate(model, work, s, h)
-                    if learned:
-                        add_learned(k_res, s, nx)
-                    start_velocity(model, work, s)
-                    if known:
-                        break
-                    low = find_corners(model, work, s, corners, beyond.rounding, h)
-                    if not begins:
-                        break
-                    left, strike, length, lands = first_impact(
-                        model, law, work, s, corners, rigid, strikes, impact_parts, h
-                    )
-                    halfway = not (strike or lands) and (central if low else learned or model.pose_matters)
-                    if strike:
-                        strikes += 1
-                        length = STRIKE * dt
-                    else:
-                        loaded = carry_over(corners, length, loaded, rigid)
-                    for c in range(nc):
-                        corners.carried[c] = 0.0
-                    known = halfway or (model.h_matters and length != h)
-                    h = length
-                    if halfway:
-                        for i in range(nq):
-                            s.q_next[i] = s.q[i]
-                        drift(s.q, s.v, 0.5 * h, nx, s.q)
-                    if not known:
-                        break
-                if low:
-                    find_rows(model, work, s, corners, beyond.rounding)
-                free_velocity(model, work, s, h)
-                if (low or uneven) and again == 0:
-                    uneven = find_gaps(model, law, work, s, corners, rigid, strike, whole, halfway, h, dt / substeps)
-                if adhesive and not strike:
-                    adhere(model, law, work, s, corners, h, cold)
-                if (resists or coheres) and again == 0:
-                    for c in range(nc):
-                        corners.load[c] = 0.0 if cold else warm[c, 0]
-                if resists and again == 0:
-                    spins_taken(model, law, work, s, corners, not (cold or strike))
-                if resists:
-                    for x in range(nx):
-                        s.xi[x] += s.taken[x]
-                n, touched, status, kkt_error = np.int64(0), False, 0, 0.0
-                if low:
-                    n, touched, status, kkt_error = resolve_contact(
-                        model, law, solver, work, s, corners, h, tolerance, cold, strike, strike or whole, halfway
-                    )
-                repeats = 0
-                if resists:
-                    repeats = 1 if strike else 0 if whole else REPEATS
-                elif coheres and not (strike or whole):
-                    repeats = REPEATS // 2
-                if (resists or coheres) and (n == 0 or again < repeats):
-                    if resists:
-                        for x in range(nx):
-                            s.xi[x] -= s.taken[x]
-                    if n > 0:  # what resists spin and cohesion hang on the load, and the load on them
-                        for c in range(nc):
-                            corners.load[c] = 0.0
-                        for i in range(n):
-                            corners.load[chosen[i]] = V[LAM, 3 * i]
-                        if resists:
-                            spins_taken(model, law, work, s, corners, True)
-                        if halfway:
-                            for i in range(nq):
-                                s.q[i] = s.q_next[i]
-                        again, left = again + 1, 0
-                        strikes -= 1 if strike else 0
-                        continue
-                if n == 0:
-                    cold = True
-                elif not strike:
-                    keep_warm(corners, n)
-                    cold = False
-                if n > 0 or model.acts or held:
-                    origin_velocity(model, work, s)
-                steady, again = not whole, 0
-                if touched:
-                    for i in range(n):
-                        c = chosen[i]
-                        out.lam_n[toss, step, c] += V[LAM, 3 * i]
-                        corners.carried[c] += V[LAM, 3 * i]
-                        steady = steady and abs(velocity(corners.tau, c, 0, s.u_start, s.xi_start, nx)) < STEADY
-                moved = move(model, s, 0.5 * h, False) if halfway else move(model, s, h, not touched or steady)
-                if not (moved and good):
-                    out.finite[toss] = False
-                    break
-                speed = 0.0
-                for i in range(nx + 4):
-                    s.q[i] = s.q_next[i]
-                for i in range(nx + 3):
-                    s.v[i] = s.v_next[i]
-                    speed += abs(s.v[i])
-                if status != 0:
-                    out.unsolved[toss] += 1
-                if kkt_error > out.kkt_error[toss]:
-                    out.kkt_error[toss] = kkt_error
-                quiet = quiet + 1 if model.rests and rigid and touched and speed < RESTING * tolerance else 0
-                left -= 1
-                if left <= 0:
-                    done, left = done + 1, 0
-                    if not whole:
-                        rest -= h
-                        done = substeps if rest < 1e-9 * dt else 0
+        for i in range(s.q.shape[0]):
+            s.q[i] = tosses.q[toss, i]
+        for i in range(s.v.shape[0]):
+            s.v[i] = tosses.v[toss, i]
+        begin_toss(corners, dt / engine.settings.substeps)
+        record_state(s, out, toss, 0)
+        frame, quiet = 0, 0
+        while frame < tosses.n_steps[toss] and quiet < QUIET:
+            quiet = advance_frame(engine, work, s, corners, out, toss, frame, quiet)
             if not out.finite[toss]:
                 break
-            reached = step + 1
-            for i in range(nq):
-                out.q[toss, reached, i] = s.q[i]
-            for i in range(nv):
-                out.v[toss, reached, i] = s.v[i]
-            if quiet >= QUIET:  # it stays where it is, by the same impulses
-                for later in range(reached, tosses.n_steps[toss]):
-                    for c in range(nc):
-                        out.lam_n[toss, later, c] = warm[c, 0] * dt / loaded
-                break
-        for later in range(reached + 1, out.q.shape[1]):
-            for i in range(nq):
-                out.q[toss, later, i] = out.q[toss, reached, i]
-            for i in range(nv):
-                out.v[toss, later, i] = out.v[toss, reached, i]
+            frame += 1
+            record_state(s, out, toss, frame)
+        for later in range(frame, tosses.n_steps[toss] if quiet >= QUIET else frame):  # at rest, by the same impulses
+            for c in range(corners.state.shape[0]):
+                out.lam_n[toss, later, c] = corners.warm[c, 0] * dt / corners.span[0]
+        for later in range(frame + 1, out.q.shape[1]):
+            for i in range(s.q.shape[0]):
+                out.q[toss, later, i] = out.q[toss, frame, i]
+            for i in range(s.v.shape[0]):
+                out.v[toss, later, i] = out.v[toss, frame, i]
+
+
+@inlined_kernel
+def record_state(s, out, toss, frame):  # type: ignore[no-untyped-def]
+    """The state becomes that of a frame."""
+    for i in range(s.q.shape[0]):
+        out.q[toss, frame, i] = s.q[i]
+    for i in range(s.v.shape[0]):
+        out.v[toss, frame, i] = s.v[i]
+
+
+@inlined_kernel
+def advance_frame(engine, work, s, corners, out, toss, frame, quiet):  # type: ignore[no-untyped-def]
+    """Step on until the next frame; a toss that leaves all bounds is noted in out.finite.
+
+    quiet: steps after which the object has been at rest so far. Returns the same at the frame's end.
+    """
+    settings, law = engine.settings, engine.law
+    rest, strikes = settings.dt, np.int64(0)
+    step = Step(settings.dt / settings.substeps, np.int64(1), False, False, False, True)
+    while rest > 1e-9 * settings.dt:
+        step = next_event(engine, work, s, corners, step, rest, strikes)
+        n, touched, status, kkt_error = contact_solve(engine, work, s, corners, step)
+        if not integrate(engine, work, s, corners, step, n, touched, out, toss, frame):
+            out.finite[toss] = False
+            break
+        out.unsolved[toss] += 1 if status != 0 else 0
+        out.kkt_error[toss] = max(out.kkt_error[toss], kkt_error)
+        still = engine.model.rests and law.rigid and touched and speed_of(s) < RESTING * settings.tolerance
+        quiet = quiet + 1 if still else 0
+        strikes += 1 if step.strike else 0
+        rest -= step.h
+    return quiet
+
+
+@inlined_kernel
+def next_event(engine, work, s, corners, step, rest, strikes):  # type: ignore[no-untyped-def]
+    """The next step of a frame of which `rest` [s] is left: a whole one, one to an impact (eq. 5), or a strike.
+
+    Leaves the accelerations at the step's start or, if it is one of the midpoint rule (eq. 7), at its middle. They are
+    found in a loop of one or two turns: what is inlined at two places is compiled twice.
+
+    step: the last one; if it has further parts, the next of them follows. strikes: in this frame so far.
+    """
+    model, law, settings = engine.model, engine.law, engine.settings
+    h, parts, struck, midpoint, low = step.h, step.parts - 1, False, False, False
+    decided = parts > 0 or settings.impact_parts == 1
+    if parts == 0:
+        parts, h = np.int64(1), settings.dt / settings.substeps
+        if engine.at_impacts:
+            h = rest / max(1.0, math.ceil(rest / h - 1e-6))
+    again, first, regular = True, True, True
+    while again:
+        again = False
+        regular = find_accelerations(model, engine.k_res, work, s, h)
+        if first:
+            low = find_corners(model, work, s, corners, law.beyond.rounding, h)
+        if not decided:
+            decided, first = True, False
+            parts, struck, length, lands = first_impact(model, law, work, s, corners, strikes, settings.impact_parts, h)
+            midpoint = not (struck or lands) and uses_midpoint(engine, low)
+            if struck:
+                length = STRIKE * settings.dt
+            else:
+                carry_over(corners, length, law.rigid)
+            for c in range(corners.state.shape[0]):
+                corners.carried[c] = 0.0
+            again = midpoint or (model.h_matters and length != h)
+            h = length
+            if midpoint:
+                for i in range(s.q.shape[0]):
+                    s.q_next[i] = s.q[i]
+                drift(s.q, s.v, 0.5 * h, n_rates(model), s.q)
+    return Step(h, parts, struck, midpoint, low, regular)
+
+
+@inlined_kernel
+def uses_midpoint(engine, low):  # type: ignore[no-untyped-def]
+    """Whether a step without an impact goes by the midpoint rule: in rigid contact, in flight if the pose matters."""
+    if low:
+        return engine.at_impacts and engine.law.beyond.lifting == 0.0
+    return engine.k_res.linear.shape[1] > 0 or engine.model.pose_matters
+
+
+@inlined_kernel
+def free_step(engine, work, s, corners, step):  # type: ignore[no-untyped-def]
+    """The gaps that a step of some length has to keep open (eq. 4, 7), after the free velocity."""
+    if step.low or gives_way(corners):
+        whole = engine.settings.dt / engine.settings.substeps
+        find_gaps(engine.model, engine.law, work, s, corners, engine.at_impacts, step.midpoint, step.h, whole)
+
+
+@inlined_kernel
+def strike(engine, corners, step):  # type: ignore[no-untyped-def]
+    """The gaps of an impulse at once: what touches is on the ground (eq. 6)."""
+    find_gaps_of_strike(engine.law, corners, step.h)
+
+
+@inlined_kernel
+def contact_solve(engine, work, s, corners, step):  # type: ignore[no-untyped-def]
+    """Impulses (eq. 4) and what else contact holds (eq. 12, 13): s.u and s.xi become those after the step.
+
+    Resistance to spin and cohesion hang on the load, and the load on them. Both are first by the load of the step
+    before. Where steps end at impacts, the step is then solved again with its own.
+
+    Returns:
+        (candidates, 0 if none is hit; touched; status; KKT error).
+    """
+    model, law, beyond = engine.model, engine.law, engine.law.beyond
+    resists = beyond.torsional != 0.0 or beyond.rolling != 0.0
+    n, touched, status, kkt_error, left = np.int64(0), False, 0, 0.0, repeats(engine, step, resists)
+    if step.low:
+        find_rows(model, work, s, corners, beyond.rounding)
+    for turn in range(1 + left):
+        free_velocity(model, work, s, step.h)
+        if turn == 0:
+            if step.strike:
+                strike(engine, corners, step)
+            else:
+                free_step(engine, work, s, corners, step)
+            if resists or law.cohesion > 0.0:
+                for c in range(corners.state.shape[0]):
+                    corners.load[c] = corners.warm[c, 0]
+        if beyond.adhesion != 0.0 and not step.strike:
+            adhere(model, law, work, s, corners, step.h)
+        if resists:
+            if turn == 0:
+                find_spin_taken(model, law, work, s, corners, not step.strike)
+            add_spin_taken(s, 1.0)
+        if step.low:
+            n, touched, status, kkt_error = resolve_contact(
+                model, law, engine.solver, work, s, corners, step,
+                step.strike or not engine.at_impacts, engine.settings.tolerance,
+            )  # fmt: skip
+        if resists and (n == 0 or turn < left):
+            add_spin_taken(s, -1.0)
+        if n == 0:
+            break
+        if turn < left:
+            find_load(corners, n)
+            if resists:
+                find_spin_taken(model, law, work, s, corners, True)
+    return n, touched, status, kkt_error
+
+
+@inlined_kernel
+def repeats(engine, step, resists):  # type: ignore[no-untyped-def]
+    """How often a step's contact problem is solved again with its own load."""
+    if resists:
+        return 0 if not engine.at_impacts else 1 if step.strike else REPEATS
+    return REPEATS // 2 if engine.law.cohesion > 0.0 and engine.at_impacts and not step.strike else 0
+
+
+@inlined_kernel
+def add_spin_taken(s, sign):  # type: ignore[no-untyped-def]
+    """Take from s.xi what resistance to spin takes (sign 1), or give it back (-1)."""
+    for x in range(s.xi.shape[0]):
+        s.xi[x] += sign * s.taken[x]
+
+
+@inlined_kernel
+def find_load(corners, n):  # type: ignore[no-untyped-def]
+    """The corners' loads by the n candidates' impulses."""
+    for c in range(corners.load.shape[0]):
+        corners.load[c] = 0.0
+    for i in range(n):
+        corners.load[corners.chosen[i]] = corners.V[LAM, 3 * i]
+
+
+@inlined_kernel
+def integrate(engine, work, s, corners, step, n, touched, out, toss, frame):  # type: ignore[no-untyped-def]
+    """Move on (eq. 2) by the velocity after the step, and add the n candidates' impulses to the frame's in `out`.
+
+    Returns whether the state is within all bounds.
+    """
+    model, beyond = engine.model, engine.law.beyond
+    if not step.strike or n == 0:
+        keep_warm(corners, n)
+    if n > 0 or model.acts or beyond.adhesion != 0.0 or beyond.torsional != 0.0 or beyond.rolling != 0.0:
+        origin_velocity(model, work, s)
+    steady = engine.at_impacts  # what slides or turns, and does not land, moves by the mean of both velocities
+    if touched:
+        for i in range(n):
+            c = corners.chosen[i]
+            out.lam_n[toss, frame, c] += corners.V[LAM, 3 * i]
+            corners.carried[c] += corners.V[LAM, 3 * i]
+            steady = steady and abs(velocity(corners.tau, c, 0, s.u_start, s.xi_start, n_rates(model))) < STEADY
+    inside = move(model, s, 0.5 * step.h, False) if step.midpoint else move(model, s, step.h, not touched or steady)
+    if not (inside and step.regular):
+        return False
+    for i in range(s.q.shape[0]):
+        s.q[i] = s.q_next[i]
+    for i in range(s.v.shape[0]):
+        s.v[i] = s.v_next[i]
+    return True
+
+
+@inlined_kernel
+def speed_of(s):  # type: ignore[no-untyped-def]
+    """Sum of the velocity's sizes [m/s, rad/s]."""
+    speed = 0.0
+    for i in range(s.v.shape[0]):
+        speed += abs(s.v[i])
+    return speed

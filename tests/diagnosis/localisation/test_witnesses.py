@@ -13,8 +13,8 @@ from tests.models.made import DT, thrown
 from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.localisation.witnesses import Witness, witnesses
 from tossid.objects import ObjectModel, load_object
+from tossid.physics.contact.law import Law
 from tossid.physics.effects import World, effect_named
-from tossid.physics.forces import Law
 from tossid.types import Toss
 
 BALL = """

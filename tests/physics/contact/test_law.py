@@ -11,6 +11,7 @@ from tossid.kernels import kernel
 from tossid.objects import ObjectModel
 from tossid.physics import make_system
 from tossid.physics.contact import law
+from tossid.physics.contact.holding import resist
 from tossid.physics.contact.law import UNKNOWN, ContactLaw, make_contact_law
 from tossid.settings.contact import ContactSettings
 
@@ -25,12 +26,12 @@ def times(one, h):  # type: ignore[no-untyped-def]
 
 
 @kernel(keep=False)
-def heights(one, z, sunk, rigid, h):  # type: ignore[no-untyped-def]
-    return law.above_ground(one, z, 0, sunk, rigid, h)
+def heights(one, z, sunk, h):  # type: ignore[no-untyped-def]
+    return law.above_ground(one, z, 0, sunk, h)
 
 
 def law_with(cube: ObjectModel, *, added_mass: float = 0.0, **changes: float) -> ContactLaw:
-    found = make_contact_law(make_system(cube.with_changes(**changes)))
+    found = make_contact_law(make_system(cube.with_changes(**changes)), ContactSettings(), H)
     return found._replace(beyond=found.beyond._replace(added_mass=added_mass))
 
 
@@ -61,11 +62,39 @@ def test_an_added_mass_keeps_the_speed_in_short_steps(cube: ObjectModel) -> None
 
 @pytest.mark.parametrize("speed", [0.02, 0.005])
 def test_rigid_ground_gives_way_where_a_toss_begins_in_it_and_rises(cube: ObjectModel, speed: float) -> None:
-    one = make_contact_law(make_system(cube), ContactSettings(recovery_speed=speed))
+    one = make_contact_law(make_system(cube), ContactSettings(recovery_speed=speed), H)
     sunk = np.array([UNKNOWN])
-    assert heights(one, -1e-3, sunk, True, H) == 0.0
-    found = [heights(one, -1e-3, sunk, True, H) for _ in range(20)]
+    assert heights(one, -1e-3, sunk, H) == 0.0
+    found = [heights(one, -1e-3, sunk, H) for _ in range(20)]
     np.testing.assert_allclose(found, np.maximum(-1e-3, -speed * H * np.arange(1, 21)), atol=1e-15)
     for z, rigid in ((0.01, True), (-1e-3, False)):
         sunk = np.array([UNKNOWN])
-        assert heights(one, z, sunk, rigid, H) == heights(one, z, sunk, rigid, H) == z
+        assert heights(one._replace(rigid=rigid), z, sunk, H) == z
+        assert heights(one._replace(rigid=rigid), z, sunk, H) == z
+
+
+@kernel(keep=False)
+def resisted(impulse, L, row, y, xi):  # type: ignore[no-untyped-def]
+    resist(impulse, L, row, y, xi)
+
+
+def test_a_spin_is_slowed_or_stopped_and_loses_energy() -> None:
+    """Resistance to spin is an angular impulse that stops a spin and never turns it."""
+    rng, stopped = np.random.default_rng(1), 0
+    for _ in range(100):
+        root = rng.normal(size=(4, 4))
+        S, row, before, impulse = root @ root.T + np.eye(4), rng.normal(size=4), rng.normal(size=4), rng.uniform(0, 2)
+        after, L = before.copy(), np.linalg.cholesky(S)
+        np.fill_diagonal(L, 1 / np.diag(L))
+        resisted(impulse, L, row, np.zeros(4), after)
+        taken = S @ (before - after)
+        share = taken @ row / (row @ row)
+        np.testing.assert_allclose(taken, share * row, atol=1e-10)  # about the row's axis alone
+        assert abs(share) <= impulse + 1e-12
+        assert (row @ after) * (row @ before) >= -1e-12
+        assert after @ S @ after <= before @ S @ before + 1e-12
+        if abs(row @ after) < 1e-12:
+            stopped += 1
+        else:
+            assert abs(share) > impulse - 1e-12
+    assert 20 < stopped < 100

@@ -8,9 +8,9 @@ import pytest
 from tossid.errors import ObjectError
 from tossid.objects import ObjectModel, corner_positions
 from tossid.physics import ExactCone, PolyhedralCone, Simulation, make_system, simulate
+from tossid.physics.contact.law import Law
 from tossid.physics.effects import World
 from tossid.physics.effects.in_mujoco import toss_in_mujoco
-from tossid.physics.forces import Law
 from tossid.physics.solvers import ContactSolver
 from tossid.settings.contact import ContactSettings
 

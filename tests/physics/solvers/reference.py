@@ -96,31 +96,31 @@ def cone_kkt_error(A: Array, b: Array, mu: Array, lam: Array) -> Array:
     return np.maximum(normal, tangent).max(axis=-1, initial=0.0)
 
 
-def lcp_kkt_error(A: Array, b: Array, mu: Array, beta: Array, gamma: Array, lam_n: Array) -> Array:
-    """The polyhedral problem's complementarity error.
+def polyhedral_kkt_error(A: Array, b: Array, mu: Array, lam: Array, n_directions: int) -> Array:
+    """How far impulses are from the polyhedral cone's law, by maximum dissipation over the polygon.
 
-    The largest over contacts and directions of |min(a lam_n, w_n)|, |min(a beta_j, d_j . w_t + gamma)| and
-    |min(gamma, a (mu lam_n - sum beta))|, w = A lam + b.
+    The largest over contacts of |min(a lam_n, w_n)|, of how far lam_t is out of the polygon whose corners are
+    mu lam_n d_j, and of what dissipation lacks of its maximum there, mu lam_n max_j (-d_j . w_t), over the impulse.
 
     Args:
         A: (*b, 3 n, 3 n) [1/kg].
         b: (*b, 3 n) [m/s].
         mu: (*b, n).
-        beta: (*b, n, k) [N s].
-        gamma: (*b, n) [m/s].
-        lam_n: (*b, n) [N s].
+        lam: (*b, 3 n) [N s].
+        n_directions: of the polygon.
 
     Returns:
         (*b) [m/s].
     """
-    directions = tangent_directions(beta.shape[-1])
-    tangent = beta @ directions
-    lam = np.concatenate([lam_n, tangent.reshape(*tangent.shape[:-2], -1)], axis=-1)
-    w, scale = by_contact(_velocity(A, b, lam)), contact_scale(A)
-    slip = np.abs(np.minimum(scale[..., None] * beta, w[..., 1:] @ directions.T + gamma[..., None])).max(axis=-1)
-    normal = np.abs(np.minimum(scale * lam_n, w[..., 0]))
-    cone = np.abs(np.minimum(gamma, scale * (mu * lam_n - beta.sum(axis=-1))))
-    return np.maximum(np.maximum(normal, slip), cone).max(axis=-1, initial=0.0)
+    w, scale, impulse = by_contact(_velocity(A, b, lam)), contact_scale(A), by_contact(lam)
+    corners, half = tangent_directions(n_directions), np.pi / n_directions
+    turn = np.array([[np.cos(half), np.sin(half)], [-np.sin(half), np.cos(half)]])
+    radius = mu * np.maximum(impulse[..., 0], 0.0)
+    out = (impulse[..., 1:] @ (corners @ turn).T).max(axis=-1) / np.cos(half) - radius
+    most = radius * np.maximum((-w[..., 1:] @ corners.T).max(axis=-1), 0.0)
+    lacks = (most + (impulse[..., 1:] * w[..., 1:]).sum(axis=-1)) / np.maximum(radius, 1e-3 / scale)
+    normal = np.abs(np.minimum(scale * impulse[..., 0], w[..., 0]))
+    return np.maximum(np.maximum(normal, scale * np.maximum(out, 0.0)), np.abs(lacks)).max(axis=-1, initial=0.0)
 
 
 def _velocity(A: Array, b: Array, lam: Array) -> Array:
@@ -188,57 +188,3 @@ def cone_reference(A: Array, b: Array, mu: Array, *, tolerance: float = 1e-9, tu
         w = A @ lam + b
         slip = np.hypot(w[n::2], w[n + 1 :: 2])
     return lam, kkt_error
-
-
-def lcp_matrices(A: Array, b: Array, mu: Array, n_directions: int) -> tuple[Array, Array]:
-    """M, q of the polyhedral problem w = M z + q with z = (lam_n (n,), beta (n k,), gamma (n,))."""
-    n, k = len(mu), n_directions
-    directions = np.kron(np.eye(n), tangent_directions(k))
-    spread = np.zeros((3 * n, n + n * k))
-    spread[:n, :n] = np.eye(n)
-    spread[n:, n:] = directions.T
-    E = np.kron(np.eye(n), np.ones((k, 1)))
-    size = n * (k + 2)
-    M = np.zeros((size, size))
-    M[: n + n * k, : n + n * k] = spread.T @ A @ spread
-    M[n : n + n * k, n + n * k :] = E
-    M[n + n * k :, :n] = np.diag(mu)
-    M[n + n * k :, n : n + n * k] = -E.T
-    return M, np.concatenate([spread.T @ b, np.zeros(n)])
-
-
-def lemke_reference(M: Array, q: Array, *, max_pivots: int = 5000) -> Array | None:
-    """z of 0 <= z _|_ M z + q >= 0 by Lemke's algorithm with the lexicographic rule; None on a ray.
-
-    The basis matrix is inverted afresh at every pivot.
-    """
-    size = len(q)
-    if (q >= 0).all():
-        return np.zeros(size)
-    columns = np.hstack([np.eye(size), -M, -np.ones((size, 1))])
-    basis = list(range(size))
-    enter, row = 2 * size, int(np.argmin(q))
-    for _ in range(max_pivots):
-        left, basis[row] = basis[row], enter
-        if left == 2 * size:
-            values = np.linalg.solve(columns[:, basis], q)
-            z = np.zeros(2 * size + 1)
-            z[basis] = values
-            return z[size : 2 * size]
-        enter = left + size if left < size else left - size
-        inverse = np.linalg.inv(columns[:, basis])
-        direction = inverse @ columns[:, enter]
-        table = np.column_stack([np.maximum(inverse @ q, 0.0), inverse])
-        rows = np.flatnonzero(direction > 1e-10)
-        if len(rows) == 0:
-            return None
-        for column in range(size + 1):
-            ratio = table[rows, column] / direction[rows]
-            rows = rows[ratio <= ratio.min() + 1e-11 * (1 + abs(ratio.min()))]
-            artificial = [r for r in rows if basis[r] == 2 * size]
-            if artificial:
-                rows = np.array(artificial)
-            if len(rows) == 1:
-                break
-        row = int(rows[0])
-    return None

@@ -26,9 +26,10 @@ from tossid.diagnosis.likelihood.states import moved_pose
 from tossid.diagnosis.likelihood.windows import Windows
 from tossid.errors import InputError
 from tossid.parallel import threads_at_hand
+from tossid.physics.contact.law import Law
 from tossid.physics.effects import World
 from tossid.physics.effects.in_mujoco import scene
-from tossid.physics.forces import Forces, Law
+from tossid.physics.forces import Forces
 from tossid.physics.mujoco_engine import quiet
 
 Array = NDArray[np.float64]

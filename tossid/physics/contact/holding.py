@@ -5,23 +5,9 @@ from __future__ import annotations
 import math
 
 from tossid.kernels import fused_lean_kernel, lean_kernel
+from tossid.physics.cholesky import solve_rates
 from tossid.physics.contact.problem import FAR
 from tossid.physics.moving import inverse_mass, n_rates, spin_row
-
-
-@fused_lean_kernel
-def solve_rates(L, y, n):  # type: ignore[no-untyped-def]
-    """y (n,) <- S^-1 y, with S = L L^T and the inverse of L's diagonal on the diagonal."""
-    for i in range(n):
-        s = y[i]
-        for k in range(i):
-            s -= L[i, k] * y[k]
-        y[i] = s * L[i, i]
-    for i in range(n - 1, -1, -1):
-        s = y[i]
-        for k in range(i + 1, n):
-            s -= L[k, i] * y[k]
-        y[i] = s * L[i, i]
 
 
 @fused_lean_kernel
@@ -40,7 +26,7 @@ def resist(impulse, L, row, y, xi):  # type: ignore[no-untyped-def]
 
 
 @lean_kernel
-def adhere(model, law, work, s, corners, h, cold):  # type: ignore[no-untyped-def]
+def adhere(model, law, work, s, corners, h):  # type: ignore[no-untyped-def]
     """Adhesion's pull on the free s.u and s.xi.
 
     Every corner that carried load in the last step, or is within `adhesion_reach`, is pulled down by the same force:
@@ -48,7 +34,7 @@ def adhere(model, law, work, s, corners, h, cold):  # type: ignore[no-untyped-de
     """
     nx, y, pull = n_rates(model), corners.g, h * law.beyond.adhesion
     for c in range(corners.state.shape[0]):
-        near = corners.height[c] < law.thresholds.adhesion_reach or (not cold and corners.warm[c, 0] > 0.0)
+        near = corners.height[c] < law.adhesion_reach or corners.warm[c, 0] > 0.0
         if pull != 0.0 and near and corners.state[c] != FAR:
             for x in range(nx):
                 y[x] = corners.tau[c, 0, x]
@@ -59,7 +45,7 @@ def adhere(model, law, work, s, corners, h, cold):  # type: ignore[no-untyped-de
 
 
 @lean_kernel
-def spins_taken(model, law, work, s, corners, loaded):  # type: ignore[no-untyped-def]
+def find_spin_taken(model, law, work, s, corners, loaded):  # type: ignore[no-untyped-def]
     """s.taken: what contact takes of s.xi for its corners' loads, if there are any. s.xi stays."""
     nx = n_rates(model)
     for x in range(nx):
@@ -78,10 +64,7 @@ def resist_spins(model, law, work, s, corners):  # type: ignore[no-untyped-def]
 
     About the vertical by `torsional`, about the horizontal by `rolling`: a torque stops spin and never turns it.
     """
-    beyond, R, nx = law.beyond, s.R, n_rates(model)
-    if beyond.torsional == 0.0 and beyond.rolling == 0.0:
-        return
-    row = work.row
+    beyond, R, nx, row = law.beyond, s.R, n_rates(model), work.row
     for b in range(model.parent.shape[0]):
         load = 0.0
         for c in range(corners.state.shape[0]):

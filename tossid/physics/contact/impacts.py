@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from tossid.kernels import inlined_kernel
-from tossid.physics.contact.problem import FAR
-from tossid.physics.moving import corner_speed, falling
+from tossid.physics.contact.problem import FAR, velocity
+from tossid.physics.moving import common_velocity, n_rates, turning
 
 STEADY = 5e-3
 """[m/s] below which a touching corner goes neither up nor down: it slides or turns, and does not land."""
@@ -15,7 +15,18 @@ MOST_STRIKES = 64
 
 
 @inlined_kernel
-def first_impact(model, law, work, s, corners, rigid, strikes, impact_parts, h):  # type: ignore[no-untyped-def]
+def falling(model, work, s, corners, c):  # type: ignore[no-untyped-def]
+    """Vertical acceleration of corner c without contact [m/s²], J_n dv/dt + dJ_n/dt v. After the accelerations."""
+    R = s.R
+    c0, c1, c2 = common_velocity(model, work, s.rate, 0)
+    fall = model.gravity[2] + R[2, 0] * (c0 - s.a[0]) + R[2, 1] * (c1 - s.a[1]) + R[2, 2] * (c2 - s.a[2])
+    for x in range(n_rates(model)):
+        fall += corners.tau[c, 0, x] * s.rate[x]
+    return fall + turning(model, work, s, corners, c, 0)
+
+
+@inlined_kernel
+def first_impact(model, law, work, s, corners, strikes, impact_parts, h):  # type: ignore[no-untyped-def]
     """What becomes of a step of length h that is to begin: (parts, strike, length of each part [s], lands).
 
     Rigid contact: the step ends where the first corner touches, z + v t + a t²/2 = 0; if one that comes down at more
@@ -24,13 +35,13 @@ def first_impact(model, law, work, s, corners, rigid, strikes, impact_parts, h):
     After `find_corners`.
     """
     length, parts, strike, lands = h, 1, False, False
-    lowest, touching, fast = 0.0, law.thresholds.touching_height, law.thresholds.impact_speed
+    lowest, touching, fast = 0.0, law.touching_height, law.impact_speed
     for c in range(corners.state.shape[0]):
         if corners.state[c] == FAR:
             continue
-        vn = corner_speed(model, work, s, corners, c)
+        vn = velocity(corners.tau, c, 0, s.u_start, s.xi_start, n_rates(model))
         z = corners.height[c] - min(corners.sunk[c], 0.0)
-        if not rigid:
+        if not law.rigid:
             if abs(vn) > fast and z + h * min(vn, 0.0) < 0.0:
                 parts = impact_parts
             continue
@@ -49,19 +60,19 @@ def first_impact(model, law, work, s, corners, rigid, strikes, impact_parts, h):
 
 
 @inlined_kernel
-def carry_over(corners, length, loaded, rigid):  # type: ignore[no-untyped-def]
-    """Scale the last step's impulses to a step of another length; returns the length they are of.
+def carry_over(corners, length, rigid):  # type: ignore[no-untyped-def]
+    """Scale the last step's impulses to a step of another length.
 
     The same forces over a longer or shorter time. Of parts in which a corner was loaded only at times, a longer step
     takes what all of them carried.
     """
-    if length == loaded:
-        return loaded
-    ratio, warm = length / loaded, corners.warm
+    ratio, warm = length / corners.span[0], corners.warm
+    if length == corners.span[0]:
+        return
+    corners.span[0] = length
     for c in range(warm.shape[0]):
         scale = ratio
         if ratio > 1.0 and warm[c, 0] > 0.0 and not rigid:
             scale = min(ratio, corners.carried[c] / warm[c, 0])
         for k in range(3):
             warm[c, k] *= scale
-    return length

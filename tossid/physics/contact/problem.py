@@ -5,7 +5,7 @@ and xi the rates, every corner has three rows (directions: the world's z, the no
 
     velocity_k = u_k + tau_k . xi,      A_ij = [same direction] / m + G_i . G_j,      G = W^T tau,  S^-1 = W W^T
 
-and the problem is w = A lam + b, with the law that `stepping` writes out.
+and the problem is w = A lam + b. Numbers of equations are those of docs/method/scheme.md; the law is in `law`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.kernels import fused_kernel, inlined_kernel
-from tossid.physics.contact.law import above_ground, kept_speed, recovery_time
-from tossid.physics.forces import friction_of
+from tossid.physics.contact.law import (
+    UNKNOWN,
+    above_ground,
+    friction_coefficient,
+    is_pressed,
+    normal_target,
+    recovery_time,
+    with_cohesion,
+)
 from tossid.physics.moving import contact_row, corner_place, inverse_mass, n_rates, turning, whiten
 from tossid.physics.solvers.workspace import LAM, MU, B, work_arrays
 
@@ -49,7 +56,8 @@ class Corners(NamedTuple):
         tau: (n_c, 3, n_x) rows of every corner that is not far: normal, t1, t2.
         G: (n_x, 3 n_c) columns W^T tau of the candidates.
         A: (3 n_c, 3 n_c) Delassus matrix.
-        warm: (n_c, 3) impulses of the last step [N s].
+        warm: (n_c, 3) impulses of the last step [N s], zero if it had none.
+        span: (1,) length of the step that `warm` is of [s].
         carried: (n_c,) normal impulses over the parts of a step [N s].
         struck: (n_c,) normal impulses over the parts of an impact [N s].
         load: (n_c,) normal impulses on which resistance to spin and cohesion hang, of the last step or of the last
@@ -70,6 +78,7 @@ class Corners(NamedTuple):
     G: Array
     A: Array
     warm: Array
+    span: Array
     carried: Array
     struck: Array
     load: Array
@@ -86,8 +95,8 @@ def make_corners(nc, nx):  # type: ignore[no-untyped-def]
     return Corners(
         np.zeros(nc), np.zeros(nc), np.zeros(nc),
         np.zeros(nc, np.int64), np.zeros(nc, np.int64), np.zeros((nc, 3)),
-        np.zeros((nc, 3, nx)), np.zeros((nx, 3 * nc)), np.zeros((3 * nc, 3 * nc)), np.zeros((nc, 3)), np.zeros(nc),
-        np.zeros(nc), np.zeros(nc), np.zeros(nx), np.zeros(nx), V, index,
+        np.zeros((nc, 3, nx)), np.zeros((nx, 3 * nc)), np.zeros((3 * nc, 3 * nc)), np.zeros((nc, 3)), np.zeros(1),
+        np.zeros(nc), np.zeros(nc), np.zeros(nc), np.zeros(nx), np.zeros(nx), V, index,
     )  # fmt: skip
 
 
@@ -140,67 +149,101 @@ def find_rows(model, work, s, corners, radius):  # type: ignore[no-untyped-def]
 
 
 @inlined_kernel
-def find_gaps(model, law, work, s, corners, rigid, strike, whole, halfway, h, step):  # type: ignore[no-untyped-def]
-    """The gaps of a step of length h, or of a strike. With s.u and s.xi as they are in free motion.
-
-    Where steps end at impacts, a gap has what turning does in the step, h² dJ_n/dt v / 2, which no row has. Without it,
-    a corner that lands by turning is held back before it does. A corner that touches has no normal velocity at the
-    step's end then, if rows are those of its middle (`halfway`). One that does not moves by the mean of both
-    velocities.
-
-    whole: steps do not end at impacts. step: length of a whole one [s].
-
-    Returns:
-        Whether the ground gives way below a corner.
-    """
-    uneven, touching, nx = False, law.thresholds.touching_height, n_rates(model)
+def begin_toss(corners, span):  # type: ignore[no-untyped-def]
+    """Nothing is known of the ground below, and no step, of length `span` [s], has had impulses."""
+    corners.span[0] = span
     for c in range(corners.state.shape[0]):
-        z = above_ground(law, corners.height[c], c, corners.sunk, rigid, h)
-        uneven = uneven or corners.sunk[c] < 0.0
-        flies = not z < touching
-        if strike and not flies:
-            z = 0.0
-        elif rigid and z < 0.0:
+        corners.sunk[c] = UNKNOWN
+    keep_warm(corners, 0)
+
+
+@inlined_kernel
+def keep_warm(corners, n):  # type: ignore[no-untyped-def]
+    """The impulses of this step's n candidates become the next one's warm start."""
+    for c in range(corners.warm.shape[0]):
+        corners.warm[c, 0], corners.warm[c, 1], corners.warm[c, 2] = 0.0, 0.0, 0.0
+    for i in range(n):
+        for k in range(3):
+            corners.warm[corners.chosen[i], k] = corners.V[LAM, 3 * i + k]
+
+
+@inlined_kernel
+def gives_way(corners):  # type: ignore[no-untyped-def]
+    """Whether the ground is, or may be, below z = 0 under a corner."""
+    found = False
+    for c in range(corners.sunk.shape[0]):
+        found = found or corners.sunk[c] != 0.0
+    return found
+
+
+@inlined_kernel
+def find_gaps_of_strike(law, corners, h):  # type: ignore[no-untyped-def]
+    """The gaps of a strike, whose length h is next to none: what touches is on the ground."""
+    for c in range(corners.state.shape[0]):
+        z = above_ground(law, corners.height[c], c, corners.sunk, h)
+        corners.gap[c] = 0.0 if z < law.touching_height else z
+
+
+@inlined_kernel
+def find_gaps(model, law, work, s, corners, at_impacts, midpoint, h, step):  # type: ignore[no-untyped-def]
+    """The gaps of a step of length h. With s.u and s.xi as they are in free motion.
+
+    Where steps end at impacts (`at_impacts`), a gap has what turning does in the step, h² dJ_n/dt v / 2, which no row
+    has (eq. 7). Without it, a corner that lands by turning is held back before it does. A corner that touches has no
+    normal velocity at the step's end then, if rows are those of its middle (`midpoint`). One that does not moves by
+    the mean of both velocities.
+
+    step: length of a whole one [s].
+    """
+    nx = n_rates(model)
+    for c in range(corners.state.shape[0]):
+        z = above_ground(law, corners.height[c], c, corners.sunk, h)
+        flies = not z < law.touching_height
+        if law.rigid and z < 0.0:
             z *= h / max(h, step)  # comes out within a whole step
-        elif not (flies or whole):
-            z = min(z, law.thresholds.recovery_speed * h)  # is on the ground, and recovers there
-        if not (whole or strike or corners.state[c] == FAR) and law.beyond.lifting == 0.0:
+        elif at_impacts and not flies:
+            z = min(z, law.recovery_speed * h)  # is on the ground, and recovers there
+        if at_impacts and corners.state[c] != FAR and law.beyond.lifting == 0.0:
             before = velocity(corners.tau, c, 0, s.u_start, s.xi_start, nx)
-            if halfway and flies:
+            if midpoint and flies:
                 z += z + h * before  # by half of z + h J_n v'
             else:
                 z += 0.5 * h * h * turning(model, work, s, corners, c, 0)
                 z += 0.5 * h * (before - velocity(corners.tau, c, 0, s.u, s.xi, nx)) if flies else 0.0
         corners.gap[c] = z
-    return uneven
 
 
 @inlined_kernel
-def across_by_the_middle(model, work, s, corners, c, n, nx, h, cold, mu):  # type: ignore[no-untyped-def]
-    """Add to V[B]'s tangential rows of candidate n, corner c, what those of the step's middle lack.
+def slides_on(slip1, slip2, changes):  # type: ignore[no-untyped-def]
+    """How far a corner counts as one that slides through a step, 0 to 1: its slip over what friction would change."""
+    return min(1.0, max(0.0, math.sqrt(slip1 * slip1 + slip2 * slip2) / changes - 1.0))
+
+
+@inlined_kernel
+def add_slip_of_middle(model, work, s, corners, c, n, h, mu):  # type: ignore[no-untyped-def]
+    """Add to V[B]'s tangential rows of candidate n, corner c, what those of the step's middle lack (eq. 10).
 
     Friction of what slides on is against the mean of the slips at the step's start and end, (J_t v + J_t v') / 2. What
     may stop has no slip at the end, J_t v' + h/2 dJ_t/dt v.
     """
-    r, tau, V, G = 3 * n, corners.tau, corners.V, corners.G
+    r, tau, V, G, nx = 3 * n, corners.tau, corners.V, corners.G, n_rates(model)
     slip1 = velocity(tau, c, 1, s.u_start, s.xi_start, nx)
     slip2 = velocity(tau, c, 2, s.u_start, s.xi_start, nx)
     mean = 0.0
-    if not cold and mu * corners.warm[c, 0] > 0.0:
-        yields = inverse_mass(model, work)
+    if mu * corners.warm[c, 0] > 0.0:
+        across = inverse_mass(model, work)
         for x in range(nx):
-            yields += 0.5 * (G[x, r + 1] * G[x, r + 1] + G[x, r + 2] * G[x, r + 2])
-        changes = SLIDES_ON * mu * corners.warm[c, 0] * yields
-        mean = min(1.0, max(0.0, math.sqrt(slip1 * slip1 + slip2 * slip2) / changes - 1.0))
+            across += 0.5 * (G[x, r + 1] * G[x, r + 1] + G[x, r + 2] * G[x, r + 2])
+        mean = slides_on(slip1, slip2, SLIDES_ON * mu * corners.warm[c, 0] * across)
     V[B, r + 1] += mean * slip1 + (1.0 - mean) * 0.5 * h * turning(model, work, s, corners, c, 1)
     V[B, r + 2] += mean * slip2 + (1.0 - mean) * 0.5 * h * turning(model, work, s, corners, c, 2)
 
 
 @inlined_kernel
-def across_by_the_mean(model, work, corners, n, target, mu):  # type: ignore[no-untyped-def]
+def add_slip_of_part(model, work, corners, n, target, mu):  # type: ignore[no-untyped-def]
     """Add to V[B]'s tangential rows of candidate n what makes friction oppose the mean slip of an impact's part.
 
-    As in `across_by_the_middle`, of what slides on through the part alone, by the load that its target asks for.
+    As in `add_slip_of_middle`, of what slides on through the part alone, by the load that its target asks for.
     """
     r, V, G = 3 * n, corners.V, corners.G
     normal = across = inverse_mass(model, work)
@@ -210,58 +253,36 @@ def across_by_the_mean(model, work, corners, n, target, mu):  # type: ignore[no-
     changes = SLIDES_ON * mu * across * max(0.0, -target) / normal
     if changes > 0.0:
         slip1, slip2 = V[B, r + 1], V[B, r + 2]
-        mean = min(1.0, max(0.0, math.sqrt(slip1 * slip1 + slip2 * slip2) / changes - 1.0))
+        mean = slides_on(slip1, slip2, changes)
         V[B, r + 1] += mean * slip1
         V[B, r + 2] += mean * slip2
 
 
 @inlined_kernel
-def set_target(model, work, law, s, corners, c, n, done, h, cold, bounces, halfway):  # type: ignore[no-untyped-def]
-    """V[B] and V[MU] of candidate n, corner c, from its free velocity in V[B]; whether it would touch.
+def set_row(model, law, work, s, corners, c, n, step, bounces, done):  # type: ignore[no-untyped-def]
+    """V[B] and V[MU] of candidate n, corner c, by the law of contact; whether it is pressed.
 
-    b_n = phi / h + J_n v_free, or by the law of restitution or compliance; b_t = J_t v_free. In the ground, relaxed
-    contact pushes unless b is in the dual of the friction cone, b_n >= mu |b_t|.
-
-    done: share of an impact that a part of it ends with, if it is resolved in parts; else 0.
+    V[B] has the corner's free velocity: b_t = J_t v_free, and b_n is `normal_target`. The rest is as in `assemble`.
     """
-    r, tau, V, nx = 3 * n, corners.tau, corners.V, n_rates(model)
-    free, kept_across = V[B, r], 0.0
-    target = corners.gap[c] / h + free
-    if done > 0.0 and corners.gap[c] <= 0.0:
-        before = min(0.0, velocity(tau, c, 0, s.u_start, s.xi_start, nx))
-        target = free - (1.0 - done) * before
-        if before < -law.thresholds.bounce_speed:
-            target += done * law.restitution * before
-    elif law.restitution > 0.0 and target < 0.0:
-        before = velocity(tau, c, 0, s.u_start, s.xi_start, nx)
-        if before < -law.thresholds.bounce_speed and (bounces or before > -law.thresholds.impact_speed):
-            target = min(target, free + law.restitution * before)  # Newton: J_n v' >= -e J_n v
-    elif target < 0.0 or corners.gap[c] < 0.0:
-        target = corners.gap[c] / recovery_time(law, h) + free  # phi / s + J_n v'
-        kept, across = kept_speed(law, h)
-        if kept > 0.0:
-            target -= kept * velocity(tau, c, 0, s.u_start, s.xi_start, nx)
-            kept_across = across
+    r, tau, V, nx, phi, mu = 3 * n, corners.tau, corners.V, n_rates(model), corners.gap[c], law.mu[c]
+    before = velocity(tau, c, 0, s.u_start, s.xi_start, nx)
+    target, kept = normal_target(law, phi, V[B, r], before, step.h, bounces, done)
     V[B, r] = target
-    mu = law.mu[c]
     if law.varied:
         slip1, slip2 = V[B, r + 1], V[B, r + 2]
         if done == 0.0:
             slip1 = velocity(tau, c, 1, s.u_start, s.xi_start, nx)
             slip2 = velocity(tau, c, 2, s.u_start, s.xi_start, nx)
-        mu = friction_of(law.beyond, mu, slip1, slip2, V[B, r + 1], V[B, r + 2])
-        V[B, r + 1] -= kept_across * slip1
-        V[B, r + 2] -= kept_across * slip2
-    if law.cohesion > 0.0 and corners.load[c] > 0.0:
-        mu = min(2.0 * mu, mu + law.cohesion * h / corners.load[c])  # |lam_t| <= mu lam_n + c h
+        mu = friction_coefficient(law.beyond, mu, slip1, slip2, V[B, r + 1], V[B, r + 2])
+        V[B, r + 1] -= kept * slip1
+        V[B, r + 2] -= kept * slip2
+    mu = with_cohesion(law, mu, corners.load[c], step.h)
     V[MU, n] = mu
-    if halfway:
-        across_by_the_middle(model, work, s, corners, c, n, nx, h, cold, mu)
-    if done > 0.0 and corners.gap[c] <= 0.0:
-        across_by_the_mean(model, work, corners, n, target, mu)
-    if corners.gap[c] < 0.0 < law.beyond.lifting:
-        return target < mu * math.sqrt(V[B, r + 1] ** 2 + V[B, r + 2] ** 2)
-    return target < 0.0
+    if step.midpoint:
+        add_slip_of_middle(model, work, s, corners, c, n, step.h, mu)
+    if done > 0.0 and phi <= 0.0:
+        add_slip_of_part(model, work, corners, n, target, mu)
+    return is_pressed(law, phi, target, mu, V[B, r + 1], V[B, r + 2])
 
 
 @inlined_kernel
@@ -285,14 +306,13 @@ def delassus(corners, n, nx, over_m, slack):  # type: ignore[no-untyped-def]
 
 
 @inlined_kernel
-def assemble(model, law, work, s, corners, h, cold, afresh, bounces, halfway, done):  # type: ignore[no-untyped-def]
+def assemble(model, law, work, s, corners, step, bounces, done):  # type: ignore[no-untyped-def]
     """The candidates' contact problem (G, A, V[B], V[MU], warm start V[LAM]); their number, 0 if all stay open.
 
-    cold: no corner carried load in the last step. afresh: no warm start. bounces: restitution acts at any approach.
-    done: as of `set_target`.
+    step: a `Step`. bounces: restitution acts at any approach. done: share of an impact that a part of it ends with.
     """
     nx, V, tau = n_rates(model), corners.V, corners.tau
-    n, touches = np.int64(0), False  # a literal zero would have Numba compile what it is handed to twice
+    n, pressed = np.int64(0), False  # a literal zero would have Numba compile what it is handed to twice
     for c in range(corners.state.shape[0]):
         if corners.state[c] != CANDIDATE:
             continue
@@ -303,12 +323,12 @@ def assemble(model, law, work, s, corners, h, cold, afresh, bounces, halfway, do
             for x in range(nx):
                 free += tau[c, k, x] * s.xi[x]
             V[B, r + k] = free + s.u[k]
-            V[LAM, r + k] = 0.0 if afresh else corners.warm[c, k]
-        touches = set_target(model, work, law, s, corners, c, n, done, h, cold, bounces, halfway) or touches
+            V[LAM, r + k] = 0.0 if step.strike else corners.warm[c, k]
+        pressed = set_row(model, law, work, s, corners, c, n, step, bounces, done) or pressed
         corners.chosen[n] = c
         n += 1
-    if not touches:
+    if not pressed:
         return np.int64(0)
-    slack = law.compliance / (h * recovery_time(law, h))
+    slack = law.compliance / (step.h * recovery_time(law, step.h))
     delassus(corners, n, nx, inverse_mass(model, work), slack)
     return n

@@ -82,47 +82,58 @@ def find_candidates(model, law, s, corners, h, done):  # type: ignore[no-untyped
 
 
 @inlined_kernel
-def resolve_contact(model, law, solver, work, s, corners, h, tolerance, cold, strike, bounces, halfway):  # type: ignore[no-untyped-def]
-    """Contact in one step: s.u and s.xi become those after it. After `find_corners` and `find_gaps`.
+def solve_part(model, law, solver, work, s, corners, step, bounces, tolerance, done):  # type: ignore[no-untyped-def]
+    """The contact problem of a step, or of the part of an impact that ends when `done` of it is; its impulses applied.
+
+    Returns:
+        (candidates, 0 if none is hit; touched; status; KKT error).
+    """
+    find_candidates(model, law, s, corners, step.h, done)
+    n, touched, status, kkt_error = np.int64(0), False, 0, 0.0
+    f0, f1, f2 = 0.0, 0.0, 0.0
+    for _ in range(ROUNDS):
+        n = assemble(model, law, work, s, corners, step, bounces, done)
+        if n == 0:
+            break
+        if law.beyond.lifting > 0.0 and is_relaxed(law, corners, n):
+            status, kkt_error, _ = qp_solve(
+                corners.A, corners.V, corners.solver_index, n, tolerance, np.int64(MAX_ITERATIONS)
+            )
+        else:
+            status, kkt_error = solve_contact(solver, corners.A, corners.V, corners.solver_index, n, tolerance)
+        hit, touched, f0, f1, f2 = apply_impulses(model, work, s, corners, n, step.h)
+        if not hit:
+            break
+    if n > 0:
+        s.u[0], s.u[1], s.u[2] = s.u[0] + f0, s.u[1] + f1, s.u[2] + f2
+        for x in range(n_rates(model)):
+            s.xi[x] = corners.xi[x]
+    return n, touched, status, kkt_error
+
+
+@inlined_kernel
+def resolve_contact(model, law, solver, work, s, corners, step, bounces, tolerance):  # type: ignore[no-untyped-def]
+    """Contact in one step: s.u and s.xi become those after it. After `find_corners` and the gaps.
 
     An impact may be resolved in parts (`Law.impulse_parts`). Its corners come to rest, and bounce, in equal shares of
-    their speeds, and friction in each part is against the mean of the slips at its beginning and end.
+    their speeds, and friction in each part is against the mean of the slips at its beginning and end (eq. 8).
 
-    cold: there is no last step's load. strike: the step has no length. bounces: restitution acts at any approach, not
-    only below `impact_speed`.
+    bounces: restitution acts at any approach, not only below `impact_speed`.
 
     Returns:
         (candidates, 0 if none is hit; touched; status; KKT error); the candidates' impulses are V[LAM].
     """
-    nx, n, touched, status, kkt_error = n_rates(model), np.int64(0), False, 0, 0.0
-    parts = law.beyond.impulse_parts if strike else 1.0
-    part, done = 1.0, 0.0
+    n, touched, status, kkt_error = np.int64(0), False, 0, 0.0
+    parts = law.beyond.impulse_parts if step.strike else 1.0
     for c in range(corners.state.shape[0]):
         corners.struck[c] = 0.0
+    part = 1.0
     while part <= parts:
         done = part / parts if parts > 1.0 else 0.0
-        find_candidates(model, law, s, corners, h, done)
-        f0, f1, f2, now, error = 0.0, 0.0, 0.0, 0, 0.0
-        for _ in range(ROUNDS):
-            n = assemble(model, law, work, s, corners, h, cold, cold or strike, bounces, halfway, done)
-            if n == 0:
-                break
-            if law.beyond.lifting > 0.0 and is_relaxed(law, corners, n):
-                now, error, _ = qp_solve(
-                    corners.A, corners.V, corners.solver_index, n, tolerance, np.int64(MAX_ITERATIONS)
-                )
-            else:
-                now, error = solve_contact(solver, corners.A, corners.V, corners.solver_index, n, tolerance)
-            hit, touched, f0, f1, f2 = apply_impulses(model, work, s, corners, n, h)
-            if not hit:
-                break
+        n, touched, now, error = solve_part(model, law, solver, work, s, corners, step, bounces, tolerance, done)
         status, kkt_error = max(status, now), max(kkt_error, error)
-        if n > 0:
-            s.u[0], s.u[1], s.u[2] = s.u[0] + f0, s.u[1] + f1, s.u[2] + f2
-            for x in range(nx):
-                s.xi[x] = corners.xi[x]
-            for i in range(n):
-                corners.struck[corners.chosen[i]] += corners.V[LAM, 3 * i]
+        for i in range(n):
+            corners.struck[corners.chosen[i]] += corners.V[LAM, 3 * i]
         part += 1.0
     if parts > 1.0:
         n = sum_of_parts(corners)
@@ -140,13 +151,3 @@ def sum_of_parts(corners):  # type: ignore[no-untyped-def]
             V[LAM, 3 * n], V[LAM, 3 * n + 1], V[LAM, 3 * n + 2] = corners.struck[c], 0.0, 0.0
             n += 1
     return n
-
-
-@inlined_kernel
-def keep_warm(corners, n):  # type: ignore[no-untyped-def]
-    """The impulses of this step's n candidates become the next one's warm start."""
-    for c in range(corners.warm.shape[0]):
-        corners.warm[c, 0], corners.warm[c, 1], corners.warm[c, 2] = 0.0, 0.0, 0.0
-    for i in range(n):
-        for k in range(3):
-            corners.warm[corners.chosen[i], k] = corners.V[LAM, 3 * i + k]

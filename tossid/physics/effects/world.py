@@ -16,11 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.objects import GRAVITY, JointType, ObjectModel
+from tossid.physics.contact.law import Law
 from tossid.physics.effects.delay import Onward, turned_back, with_late_rotations
-from tossid.physics.forces import Forces, Law
+from tossid.physics.forces import Forces
+from tossid.physics.network import LearnedAcceleration
 from tossid.physics.registered_forces import RegisteredForce, combined
 from tossid.physics.stepping import TOLERANCE, simulate
-from tossid.physics.system import LearnedAcceleration, System, make_system
+from tossid.physics.system import System, make_system
 from tossid.rotations import quat_conj, quat_exp, quat_mul, quat_rotate
 from tossid.settings.contact import ContactSettings
 
@@ -107,8 +109,8 @@ class World:
     def _system(self) -> System:
         system = make_system(self.object, gravity=self.gravity_on_ground(), k_res=self.k_res)
         return system._replace(
-            forces=np.array(self.forces_on_ground(), dtype=float),
-            law=np.array(self.law, dtype=float),
+            forces=self.forces_on_ground(),
+            law=self.law,
             registered=combined(self.registered),
         )
 

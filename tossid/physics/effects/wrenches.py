@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.objects import ObjectModel, corner_heights
-from tossid.physics.batch import learned_accelerations, tree_batch
+from tossid.physics.batch import tree_batch
 from tossid.physics.effects.effect import InMujoco
 from tossid.physics.effects.registry import all_effects
 from tossid.physics.effects.world import World
+from tossid.physics.network import LearnedAcceleration, learned_accelerations
 from tossid.physics.registered_forces import combined, wrenches_of
-from tossid.physics.system import LearnedAcceleration, make_system
+from tossid.physics.system import make_system
 from tossid.rotations import quat_conj, quat_rotate
 
 Array = NDArray[np.float64]

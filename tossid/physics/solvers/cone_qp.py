@@ -17,32 +17,24 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from tossid.kernels import fused_kernel, fused_lean_kernel
 from tossid.parallel import over_threads
-from tossid.physics.solvers.batches import check_batch
-from tossid.physics.solvers.blocks import block_qp, cholesky_solve
-from tossid.physics.solvers.interior import interior_start
-from tossid.physics.solvers.problem import DEFAULT_TOLERANCE, Array, ContactSolution, empty_solution
+from tossid.physics.solvers.blocks import block_qp
+from tossid.physics.solvers.newton import newton_step
+from tossid.physics.solvers.problem import DEFAULT_TOLERANCE, Array, ContactSolution, check_batch, empty_solution
 from tossid.physics.solvers.workspace import (
-    BASIS,
     KIND,
     LAM,
     MAX_ITERATIONS,
     MU,
     NOT_FINITE,
-    OPEN,
-    ROW,
     SCALE,
     SOLVED,
-    STICK,
     TOP,
     TRIAL,
     TRIAL_W,
     B,
     W,
-    X,
     accept_trial,
     contact_scales,
     free_length,
@@ -58,10 +50,6 @@ from tossid.physics.solvers.workspace import (
 
 MOST_ITERATIONS = 60
 """Sweeps, each with a Newton step."""
-AGAIN = 500
-"""The same from the interior-point method's answer, for the few problems that the first ones leave."""
-PROXIMAL_WEIGHT = 1e-10
-"""Share by which the Newton matrix's diagonal is raised: a singular one becomes regular."""
 
 
 @fused_lean_kernel
@@ -99,59 +87,6 @@ def qp_sweep(A, V, index, m):  # type: ignore[no-untyped-def]
         shift(A, V, k, x0, x1, x2, m)
 
 
-@fused_lean_kernel
-def qp_newton(A, V, index, m):  # type: ignore[no-untyped-def]
-    """Newton step on the manifold that the states name. Returns its dimension; the step is left in V[X].
-
-    (E^T A E + D) x = -E^T w. Column v of E is unknown v's direction: V[BASIS + t, v] in its contact's coordinates,
-    index[ROW, v] its contact's row. A sticking contact has three, a slipping one (1, mu u) and n across u; D has the
-    curvature of the cone's surface, max(-u . w_t, 0) / |lam_t|, for the latter.
-    """
-    size = np.int64(0)  # not a literal, of which numba would compile a second version
-    for i in range(m):
-        k = 3 * i
-        if index[KIND, i] == OPEN:
-            continue
-        if index[KIND, i] == STICK:
-            for t in range(3):
-                V[BASIS, size], V[BASIS + 1, size], V[BASIS + 2, size] = 0.0, 0.0, 0.0
-                V[BASIS + t, size] = 1.0
-                index[ROW, size] = k
-                V[X, size] = -V[W, k + t]
-                V[TOP + size, size] = 0.0
-                size += 1
-            continue
-        tangent = math.sqrt(V[LAM, k + 1] * V[LAM, k + 1] + V[LAM, k + 2] * V[LAM, k + 2])
-        u1, u2 = 0.0, 0.0
-        if tangent > 0.0:
-            u1, u2 = V[LAM, k + 1] / tangent, V[LAM, k + 2] / tangent
-        mu = V[MU, i]
-        V[BASIS, size], V[BASIS + 1, size], V[BASIS + 2, size] = 1.0, mu * u1, mu * u2
-        index[ROW, size] = k
-        V[X, size] = -(V[W, k] + mu * (u1 * V[W, k + 1] + u2 * V[W, k + 2]))
-        V[TOP + size, size] = 0.0
-        size += 1
-        if tangent > 0.0:
-            V[BASIS, size], V[BASIS + 1, size], V[BASIS + 2, size] = 0.0, -u2, u1
-            index[ROW, size] = k
-            V[X, size] = -(u1 * V[W, k + 2] - u2 * V[W, k + 1])
-            V[TOP + size, size] = max(-(u1 * V[W, k + 1] + u2 * V[W, k + 2]), 0.0) / tangent
-            size += 1
-    for v in range(size):
-        k, e0, e1, e2 = index[ROW, v], V[BASIS, v], V[BASIS + 1, v], V[BASIS + 2, v]
-        for j in range(3 * m):
-            V[TRIAL, j] = e0 * A[k, j] + e1 * A[k + 1, j] + e2 * A[k + 2, j]
-        curvature = V[TOP + v, v]
-        for u in range(v, size):
-            r = index[ROW, u]
-            V[TOP + v, u] = (
-                V[BASIS, u] * V[TRIAL, r] + V[BASIS + 1, u] * V[TRIAL, r + 1] + V[BASIS + 2, u] * V[TRIAL, r + 2]
-            )
-        V[TOP + v, v] = (1.0 + PROXIMAL_WEIGHT) * V[TOP + v, v] + curvature
-    cholesky_solve(V, TOP, size, X)
-    return size
-
-
 @fused_kernel
 def qp_at_rest(V, m):  # type: ignore[no-untyped-def]
     """Whether lam = 0 solves the contact-major programme of V[B] and V[MU], whatever A is: c_n >= mu |c_t|."""
@@ -184,7 +119,7 @@ def qp_solve(A, V, index, m, tolerance, max_iterations):  # type: ignore[no-unty
                 return SOLVED, kkt_error, iteration
         if not kkt_error < math.inf:
             return NOT_FINITE, math.inf, iteration
-        size = qp_newton(A, V, index, m)
+        size = newton_step(A, V, index, m, False)
         value = 0.0
         for j in range(3 * m):
             value += V[LAM, j] * (V[W, j] + V[B, j])
@@ -210,43 +145,25 @@ def qp_solve(A, V, index, m, tolerance, max_iterations):  # type: ignore[no-unty
 
 
 @fused_kernel
-def cone_qp_kernel(A, c, mu, lam, tolerance, max_iterations, work, index):  # type: ignore[no-untyped-def]
-    """Solve one programme in the order [n.., t1 t2 ..]; lam is the warm start and receives the answer.
-
-    Args:
-        A: (3 n, 3 n).
-        c: (3 n,).
-        mu: (n,).
-        lam: (3 n,).
-        tolerance: on the KKT error, in the unit of c.
-        max_iterations: sweeps, each with a Newton step.
-        work: scratch, from `work_arrays(n)`.
-        index: likewise.
-
-    Returns:
-        (status, KKT error).
-    """
-    n = mu.shape[0]
-    total = gather(c, mu, lam, work)
-    if qp_at_rest(work, n) or not total < math.inf:
-        lam[:] = 0.0
-        return (SOLVED, 0.0) if total < math.inf else (NOT_FINITE, math.inf)
-    local = work[TOP + 3 * n :]
-    gather_matrix(A, local, n)
-    status, kkt_error, _ = qp_solve(local, work, index, n, tolerance, max_iterations)
-    scatter(lam, work, n, status)
-    return status, kkt_error
-
-
-@fused_kernel
 def cone_qp_batch(problems, out, tolerance, first, last):  # type: ignore[no-untyped-def]
-    """`cone_qp_kernel` on problems first..last-1 of a batch, one after another, into `out`, a `ContactSolution`."""
+    """Solve programmes first..last-1 of a batch, one after another, into `out`, a `ContactSolution`."""
     A, c, mu = problems
-    work, index = work_arrays(mu.shape[1])
+    n = mu.shape[1]
+    work, index = work_arrays(n)
+    local = work[TOP + 3 * n :]
     for k in range(first, last):
-        out.status[k], out.kkt_error[k] = cone_qp_kernel(
-            A[k], c[k], mu[k], out.lam[k], tolerance, MOST_ITERATIONS, work, index
-        )
+        total = gather(c[k], mu[k], out.lam[k], work)
+        status, kkt_error = NOT_FINITE, math.inf
+        if qp_at_rest(work, n):
+            out.lam[k, :] = 0.0
+            status, kkt_error = SOLVED, 0.0
+        elif total < math.inf:
+            gather_matrix(A[k], local, n)
+            status, kkt_error, _ = qp_solve(local, work, index, n, tolerance, MOST_ITERATIONS)
+            scatter(out.lam[k], work, n, status)
+        else:
+            out.lam[k, :] = 0.0
+        out.status[k], out.kkt_error[k] = status, kkt_error
 
 
 def solve_cone_qp(
@@ -281,11 +198,4 @@ def solve_cone_qp(
         cone_qp_batch(problems, out, tolerance, first, last)
 
     over_threads(part, len(lam), n_threads)
-    A, c, mu = problems
-    work, index = work_arrays(mu.shape[1])
-    for k in np.flatnonzero(out.status == MAX_ITERATIONS).tolist():
-        start = interior_start(A[k], c[k], mu[k])
-        status, kkt_error = cone_qp_kernel(A[k], c[k], mu[k], start, tolerance, AGAIN, work, index)
-        if kkt_error < out.kkt_error[k]:
-            lam[k], out.status[k], out.kkt_error[k] = start, status, kkt_error
     return out

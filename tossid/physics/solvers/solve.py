@@ -6,9 +6,8 @@ import math
 
 from tossid.kernels import fused_kernel
 from tossid.parallel import over_threads
-from tossid.physics.solvers.batches import check_batch
 from tossid.physics.solvers.exact_cone import ExactCone
-from tossid.physics.solvers.problem import DEFAULT_TOLERANCE, Array, ContactSolution, empty_solution
+from tossid.physics.solvers.problem import DEFAULT_TOLERANCE, Array, ContactSolution, check_batch, empty_solution
 from tossid.physics.solvers.registry import ContactSolver, check_solver, solve_contact
 from tossid.physics.solvers.workspace import NOT_FINITE, TOP, gather, gather_matrix, scatter, work_arrays
 
