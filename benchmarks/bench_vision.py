@@ -23,16 +23,16 @@ from pipelines.cli.console import Console
 from pipelines.config.compose import load
 from pipelines.config.schemas import IngestConfig
 from pipelines.files.open_source import open_stage
+from tossid.ingestion import stages
 from tossid.motion import tosses_from_tracks
 from tossid.objects import ObjectModel, Tag
 from tossid.rotations import quat_normalize, transform, transform_from_rotvec, transform_inv, transform_points
 from tossid.settings.ingestion import DetectSettings
 from tossid.settings.rendering import RenderSettings
 from tossid.types import Detection, Frame
-from tossid.vision import stages
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig
-from tossid.vision.detection.detect import TagFinder
+from tossid.vision.detection.detect import UNREFINED_SIGMA, TagFinder
 from tossid.vision.pose_graph.track import track_scene
 from tossid.vision.recordings.npz import read_tracks
 from tossid.vision.recordings.registry import Opened
@@ -191,7 +191,7 @@ def _bare(frames: Sequence[Frame]) -> Search:
     found, started = [], time.process_time()
     raw = [detector.detect(frame.image) for frame in frames]
     seconds = time.process_time() - started
-    cov = np.tile(DetectSettings().unrefined_sigma ** 2 * np.eye(2), (4, 1, 1))
+    cov = np.tile(UNREFINED_SIGMA**2 * np.eye(2), (4, 1, 1))
     for frame, rows in zip(frames, raw, strict=True):
         found.append([Detection(frame.camera, frame.t, row.tag_id, row.corners - 0.5, cov) for row in rows])
     return Search(seconds, found)

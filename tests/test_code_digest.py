@@ -25,7 +25,7 @@ from tossid.code_digest import code_digest
 entries = {
     "training": "tossid.training.api",
     "audit": "tossid.audit.sealed_case",
-    "detections": "tossid.vision.stages",
+    "detections": "tossid.ingestion.stages",
     "diagnosis": "tossid.diagnosis.diagnose",
 }
 print(json.dumps({name: code_digest(entry) for name, entry in entries.items()}))

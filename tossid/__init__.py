@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from tossid.evaluation.evaluate import evaluate as evaluate
     from tossid.evaluation.export import Exported as Exported
     from tossid.evaluation.export import export as export
+    from tossid.ingestion.ingest import ingest as ingest
     from tossid.models.trained import TrainedModel as TrainedModel
     from tossid.objects import ObjectModel as ObjectModel
     from tossid.settings.diagnosis.diagnose import DiagnoseSettings as DiagnoseSettings
@@ -42,10 +43,9 @@ if TYPE_CHECKING:
     from tossid.training.api import train as train
     from tossid.types import Rollout as Rollout
     from tossid.types import Toss as Toss
-    from tossid.vision.ingest import ingest as ingest
 
 _HOMES = {
-    "ingest": "tossid.vision.ingest",
+    "ingest": "tossid.ingestion.ingest",
     "read_dataset": "tossid.store",
     "write_dataset": "tossid.store",
     "synthesize": "tossid.synthesis.synthesize",

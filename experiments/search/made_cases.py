@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from tossid.diagnosis.diagnose import diagnose
+from tossid.ingestion.ingest import ingest_source
 from tossid.objects import ObjectModel, load_object
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.settings.ingestion import IngestSettings
@@ -32,7 +33,6 @@ from tossid.store import Dataset, read_dataset, write_tum
 from tossid.store.importers import TumSource
 from tossid.synthesis.engines import ENGINES
 from tossid.synthesis.tosses import add_noise, make_tosses
-from tossid.vision.ingest import ingest_source
 
 Effects = Mapping[str, Mapping[str, float]]
 

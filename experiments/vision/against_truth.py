@@ -25,6 +25,8 @@ from pipelines.cli.progress import reported
 from pipelines.config.compose import load
 from pipelines.config.schemas import IngestConfig
 from pipelines.files.open_source import open_stage
+from tossid.ingestion import stages
+from tossid.ingestion.progress import Reporter
 from tossid.motion import tosses_from_tracks
 from tossid.motion.ground_plane import find_ground
 from tossid.motion.kinematics import center_of_mass, com_velocities, jump_speed
@@ -33,8 +35,6 @@ from tossid.rotations import quat_boxminus, transform, transform_points
 from tossid.store import read_dataset
 from tossid.synthesis.synthesize import TRUTH
 from tossid.types import Phase, PoseTrack, Toss
-from tossid.vision import stages
-from tossid.vision.progress import Reporter
 from tossid.vision.recordings.npz import read_tracks
 from tossid.vision.recordings.registry import Opened
 from tossid.vision.setup.layout import SQUARE

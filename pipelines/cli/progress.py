@@ -10,7 +10,7 @@ from pipelines.cli.console import Console
 from pipelines.cli.console import Progress as Bar
 
 if TYPE_CHECKING:
-    from tossid.vision.progress import Progress
+    from tossid.ingestion.progress import Progress
 
 
 @contextmanager

@@ -17,13 +17,13 @@ from pipelines.execution.workers import submitting
 from pipelines.files.open_source import STAGES, check_stage_name, open_stage
 from tossid.code_digest import code_digest
 from tossid.errors import ConfigError, InputError, TossidError
+from tossid.ingestion import stages
+from tossid.ingestion.progress import Reporter
 from tossid.objects import absolute_paths
 from tossid.outputs import output_file
 from tossid.parallel import as_done
 from tossid.plain_json import digest_of, jsonable
 from tossid.store import source_sha256
-from tossid.vision import stages
-from tossid.vision.progress import Reporter
 from tossid.vision.recordings.npz import write_detections
 from tossid.vision.recordings.registry import recording_name
 
@@ -135,6 +135,6 @@ def _digest(one: DetectStageConfig) -> str:
         "recording": source_sha256(one.recording),
         "object": None if one.object is None else asdict(one.object),
         "detect": as_plain(one.detect),
-        "code": code_digest("tossid.vision.stages"),
+        "code": code_digest("tossid.ingestion.stages"),
     }
     return digest_of(inputs)

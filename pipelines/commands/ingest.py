@@ -11,15 +11,15 @@ from pipelines.config.schemas import IngestConfig
 from pipelines.files.project import DATASETS, check_dataset_name
 
 if TYPE_CHECKING:
+    from tossid.ingestion.ingest import IngestReport
     from tossid.motion.segmentation import Stretch
-    from tossid.vision.ingest import IngestReport
 
 
 def run(config: IngestConfig, console: Console) -> dict[str, Any]:
     """Read the source, write the dataset; returns what `info` says of it, `out`, and what became of the source."""
     from pipelines.files.datasets import described, provenance
     from pipelines.files.open_source import located
-    from tossid.vision.ingest import ingest_source
+    from tossid.ingestion.ingest import ingest_source
     from tossid.vision.recordings.registry import recording_name
 
     source = located(config.source)

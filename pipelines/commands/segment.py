@@ -11,9 +11,9 @@ from pipelines.config.schemas import SegmentStageConfig
 from pipelines.files.datasets import described, provenance
 from pipelines.files.open_source import STAGES, open_stage, read_track
 from pipelines.files.project import DATASETS, check_dataset_name
+from tossid.ingestion.ingest import dataset_of_poses
+from tossid.ingestion.progress import Reporter
 from tossid.store import source_sha256
-from tossid.vision.ingest import dataset_of_poses
-from tossid.vision.progress import Reporter
 
 
 def run(config: SegmentStageConfig, console: Console) -> dict[str, Any]:

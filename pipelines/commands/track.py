@@ -13,11 +13,11 @@ from pipelines.cli.progress import reported
 from pipelines.config.schemas import TrackStageConfig
 from pipelines.files.open_source import STAGES, check_stage_name, open_stage
 from tossid.errors import FileError
+from tossid.ingestion import stages
+from tossid.ingestion.progress import Reporter
 from tossid.outputs import output_file, output_folder
 from tossid.store.importers.tum import write_trajectory
 from tossid.types import Detection, PoseTrack
-from tossid.vision import stages
-from tossid.vision.progress import Reporter
 from tossid.vision.recordings.npz import read_detections, write_tracks
 from tossid.vision.recordings.registry import Opened
 from tossid.vision.setup.calibration import write_cameras

@@ -14,15 +14,15 @@ from pipelines.cli.progress import reported
 from pipelines.config.schemas import ViewConfig
 from pipelines.files.open_source import STAGES, open_stage
 from tossid.errors import FileError, InputError, TossidError
+from tossid.ingestion import stages
+from tossid.ingestion.progress import Reporter
 from tossid.motion import tosses_from_tracks
 from tossid.motion.segmentation import segment
 from tossid.objects import ObjectModel, body_poses
 from tossid.rotations import quat_rotate
 from tossid.types import Detection, PoseTrack, Toss
-from tossid.vision import stages
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.shutter import poses_at
-from tossid.vision.progress import Reporter
 from tossid.vision.recordings.npz import read_detections, read_tracks
 from tossid.vision.recordings.recording import FrameFile, Recording, read_set_up
 from tossid.vision.recordings.registry import Opened

@@ -8,10 +8,10 @@ from typing import Any
 
 from pipelines.files.project import newest_recording
 from tossid.errors import ConfigError, FileError
+from tossid.ingestion.ingest import with_object
 from tossid.outputs import recover_folder
 from tossid.settings.objects import ObjectSettings
 from tossid.types import PoseTrack
-from tossid.vision.ingest import with_object
 from tossid.vision.recordings.formats.frames import FramesSource
 from tossid.vision.recordings.npz import read_tracks
 from tossid.vision.recordings.registry import Contents, Opened, open_recording, recognized_format

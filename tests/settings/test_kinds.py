@@ -26,7 +26,7 @@ from tossid.settings.kinds import (
 )
 from tossid.settings.objects import PRESETS, ObjectSettings, UnknownObjectSettings
 from tossid.settings.synthesis import SynthesizeSettings
-from tossid.settings.tracking import GraphSettings, TrackSettings
+from tossid.settings.tracking import StreamSettings, TrackSettings
 from tossid.settings.training import ModelSettings, RolloutSettings, TrainSettings
 
 OBJECT = ObjectSettings | UnknownObjectSettings
@@ -149,14 +149,14 @@ def test_a_change_that_will_not_do_is_refused(keys: dict[str, Any], says: str) -
 
 
 def test_an_advanced_part_changes_by_name_and_is_marked() -> None:
-    settings = changed(TrackSettings(), {"graph.window": 10, "clocks": False})
-    assert (settings.graph, settings.clocks) == (GraphSettings(window=10), False)
+    settings = changed(TrackSettings(), {"stream.window": 10, "clocks": False})
+    assert (settings.stream, settings.clocks) == (StreamSettings(window=10), False)
     marked = {name for name, each in TrackSettings.__dataclass_fields__.items() if each.metadata.get(ADVANCED)}
-    assert "graph" in marked
+    assert "stream" in marked
     assert "clocks" not in marked
-    with pytest.raises(ConfigError, match="graph: there is no such key"):
-        convert(TrackSettings, {"graph": {"window": 10}}, key="", advanced=False)
-    assert "graph" not in to_plain(settings, advanced=False)
+    with pytest.raises(ConfigError, match="stream: there is no such key"):
+        convert(TrackSettings, {"stream": {"window": 10}}, key="", advanced=False)
+    assert "stream" not in to_plain(settings, advanced=False)
 
 
 # ---------------------------------------------------------------- plain, and back

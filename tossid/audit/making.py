@@ -17,6 +17,7 @@ import numpy as np
 from tossid.audit.cases import Case
 from tossid.audit.displacement import SECONDS, THROWS, motion, strength_reaching
 from tossid.audit.unknown_forces import UNKNOWN_FORCES, push_of
+from tossid.ingestion.ingest import ingest_source
 from tossid.motion import label_phases
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
@@ -30,7 +31,6 @@ from tossid.synthesis.engines import ENGINES
 from tossid.synthesis.film import film
 from tossid.synthesis.tosses import add_noise, draw_releases, frames_until_rest, make_tosses
 from tossid.types import Toss
-from tossid.vision.ingest import ingest_source
 from tossid.vision.recordings.formats.frames import FramesSource
 
 TOSSES = "tosses.h5"

@@ -2,70 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from tossid.settings.kinds import Bounds, Checked, Count, Fraction, NonNegative, Positive, Seed, advanced, advanced_part
+from tossid.settings.kinds import Bounds, Checked, Count, Fraction, NonNegative, Seed
 from tossid.settings.limits import LARGEST_GRAVITY
 from tossid.settings.segmentation import SegmentSettings
 from tossid.settings.tracking import TrackSettings
 
 
 @dataclass(frozen=True, kw_only=True)
-class CornerSettings:
-    """How a tag's corners are measured to a fraction of a pixel (`tossid.vision.detection.corners`)."""
-
-    contrast: Positive = 12.0
-    """least difference between black border and white margin [grey levels]"""
-    least_sigma: NonNegative = 0.007
-    """least standard deviation of a corner [px]; measured on rendered tags"""
-    iterations: Count = 12
-    """most Gauss-Newton steps"""
-    converged: Positive = 5e-3
-    """the fit has converged when no edge moves more than this [px]"""
-    correlation: Positive = 4.0
-    """length along an edge over which the image's errors may be correlated [px]"""
-    least_blur: Positive = 0.3
-    """smallest standard deviation of the blur, the pixel's own area included [px]"""
-    most_blur: Positive = 4.0
-    """largest standard deviation of the blur [px]"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class OcclusionSettings:
-    """When something is taken to lie against a tag's edge (`tossid.vision.detection.occlusion`)."""
-
-    brightness: Fraction = 0.85
-    """least brightness of paper beyond an edge, between the tag's black (0) and what lies beyond its other edges (1)"""
-    brightness_small: Fraction = 0.5
-    """the same for a small tag, where blur mixes in what lies farther out"""
-    small_cell: Positive = 1.5
-    """width of a small tag's cell [px]"""
-    large_cell: Positive = 3.0
-    """width of a cell from which `brightness` holds [px]; in between, in proportion"""
-    hidden_share: Fraction = 0.4
-    """share of an edge with less brightness beyond it that makes it a hidden one"""
-    points: Count = 12
-    """places along an edge that are looked at"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PredictionSettings:
-    """Where in a camera's next image the object is searched (`tossid.vision.detection.search_regions`)."""
-
-    velocity_change: NonNegative = 1.0
-    """a body's velocity may change by as much as it is, and by this much more, from frame to frame [m/s]"""
-    margin: NonNegative = 8.0
-    """margin around a tag, for its white border and blur [px]"""
-    rms_ratio: Positive = 3.0
-    """poses whose rms reprojection is less than this times the best one's (and `rms_slack` more) are possible"""
-    rms_slack: NonNegative = 0.3
-    """difference of reprojections that decides nothing [px]"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class DetectSettings:
+class DetectSettings(Checked):
     """How tags are looked for."""
 
     quad_decimate: Annotated[float, Bounds(low=1)] = 1.0
@@ -80,25 +27,6 @@ class DetectSettings:
     """most corrected bits"""
     min_margin: NonNegative = 12.0
     """least decision margin"""
-    unrefined_sigma: Positive = advanced(0.4)
-    """standard deviation of a corner as the AprilTag library gives it [px]; measured on rendered tags"""
-    border: NonNegative = advanced(2.0)
-    """least distance from the image's border of a corner that is not refined [px]; nearer ones are extrapolated"""
-    hidden_sigma: NonNegative = advanced(0.5)
-    """standard deviation, in cells, of corners at an edge that something lies against, and of a tag whose edges could
-    not be fitted"""
-    beside_hidden: Fraction = advanced(0.2)
-    """share of `hidden_sigma` that the tag's other corners get"""
-    fine_search: Count = advanced(4)
-    """of this many frames in a row without a tag, one is searched whole at full resolution"""
-    batch: Count = advanced(96)
-    """frames of one camera that are searched in one go; bounds the memory"""
-    corners: CornerSettings = advanced_part(CornerSettings)
-    """corners to a fraction of a pixel"""
-    occlusion: OcclusionSettings = advanced_part(OcclusionSettings)
-    """edges that something lies against"""
-    prediction: PredictionSettings = advanced_part(PredictionSettings)
-    """where the object is searched"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,10 +40,6 @@ class TossSettings(Checked):
     recording. auto: that of each session where its tilt changes between sessions; of frames, the whole recording's
     where no fixed tag says where the ground is, and it is off by more than 1 cm or 1 degree. always: of frames, the
     whole recording's whatever it is. Imported tosses that rest farther from z = 0 are shifted, but for never"""
-    level_height: Positive = advanced(0.01)
-    """height of the ground above z = 0 from which on `level=auto` levels the world, and shifts imported tosses [m]"""
-    level_tilt: Positive = advanced(math.radians(1.0))
-    """tilt of the ground from which on `level=auto` levels the world [rad]"""
     seed: Seed = 0
     """seed of the draw of splits"""
     splits: tuple[Fraction, Fraction, Fraction] = (0.5, 0.3, 0.2)

@@ -17,7 +17,7 @@ from pipelines.cli import app
 from pipelines.cli.console import Console
 from pipelines.cli.progress import reported
 from tests.pipelines.conftest import Run, one_line
-from tossid.vision.progress import Progress, Reporter
+from tossid.ingestion.progress import Progress, Reporter
 
 
 @pytest.mark.parametrize(

@@ -144,7 +144,7 @@ def test_ingest_finds_where_a_camera_stands(
     def in_pieces(*args: Any, settings: TrackSettings, **rest: Any) -> Any:
         return track_stream(*args, settings=replace(settings, stream=sizes), **rest)
 
-    monkeypatch.setattr("tossid.vision.stages.track_stream", in_pieces)
+    monkeypatch.setattr("tossid.ingestion.stages.track_stream", in_pieces)
     parts = answer("ingest", "source.path=blind", "out=parts.h5")
     assert told["track"]["cameras"] == {}
     (true,) = read_dataset(project / "told.h5").tosses

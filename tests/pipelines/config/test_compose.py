@@ -293,7 +293,7 @@ def test_conf_says_what_the_vision_room_was_tuned_with(part: str, settings_class
 
 def test_what_only_python_changes_is_no_key_and_keeps_its_default() -> None:
     config = load("ingest", IngestConfig)
-    assert config.track.graph == TrackSettings().graph
-    assert not any(name.startswith("track.graph") for name in flatten(as_plain(config)))
-    with pytest.raises(ConfigError, match=r"track\.graph"):
-        load("ingest", IngestConfig, ["track.graph.window=10"])
+    assert config.track.stream == TrackSettings().stream
+    assert not any(name.startswith("track.stream") for name in flatten(as_plain(config)))
+    with pytest.raises(ConfigError, match=r"track\.stream"):
+        load("ingest", IngestConfig, ["track.stream.window=10"])

@@ -1,4 +1,4 @@
-"""The camera model against OpenCV's, its derivative against differences, its inverse against itself."""
+"""Cameras: projection and its inverse, and the default rig."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tossid.errors import InputError
+from tossid.vision.cameras._undistort import undistort_brown
 from tossid.vision.cameras.camera import Camera
+from tossid.vision.cameras.rig import default_rig
 
 RADTAN = Camera("a", (640, 512), [600, 610, 320, 250], "radtan", [-0.2, 0.15, 0.001, -0.0004, -0.02])
 FISHEYE = Camera("b", (640, 512), [300, 310, 320, 250], "equidistant", [-0.02, 0.01, 0.001, -0.0004])
@@ -84,3 +86,35 @@ def test_a_folded_lens_model_ends_where_it_folds():
 def test_what_is_no_camera_is_refused(change: dict, words: str):
     with pytest.raises(InputError, match=words):
         Camera(**{"name": "c", "resolution": (640, 480), "intrinsics": [600, 600, 320, 240], **change})
+
+
+K = (-0.3, 0.1, 0.001, -0.0005, -0.02)
+
+
+def _distorted(xy: np.ndarray) -> np.ndarray:
+    """Brown 1966."""
+    k1, k2, p1, p2, k3 = K
+    x, y = xy.T
+    r2 = x * x + y * y
+    radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+    return np.stack(
+        [x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y], -1
+    )
+
+
+def test_undistorted_points_distort_to_their_target() -> None:
+    xy = np.random.default_rng(0).uniform(-0.7, 0.7, (500, 2))
+    np.testing.assert_allclose(undistort_brown(_distorted(xy), K, 2.0), xy, atol=1e-10)
+
+
+def test_points_beyond_the_limit_are_nan() -> None:
+    xy = np.array([[0.2, 0.0], [0.9, 0.0]])
+    assert np.isnan(undistort_brown(_distorted(xy), K, 0.5)).all(axis=1).tolist() == [False, True]
+
+
+def test_the_default_rig_sees_the_whole_area():
+    turn = np.linspace(0, 2 * np.pi, 40)
+    for camera in default_rig(area=1.0, height=0.4):
+        for z in (0.0, 0.4):
+            points = np.column_stack([0.5 * np.cos(turn), 0.5 * np.sin(turn), np.full(40, z)])
+            assert camera.contains(camera.project(points)).all()

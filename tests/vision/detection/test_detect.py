@@ -20,7 +20,7 @@ from tossid.types import Frame
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig
 from tossid.vision.detection import detect
-from tossid.vision.detection.detect import TagFinder, detect_frames
+from tossid.vision.detection.detect import UNREFINED_SIGMA, TagFinder, detect_frames
 from tossid.vision.recordings.formats.frames import read_recording
 from tossid.vision.rendering.render import Renderer
 from tossid.vision.setup.faces import tag_corners
@@ -110,7 +110,7 @@ def test_corners_that_cannot_be_refined_say_so(tagged: ObjectModel, monkeypatch:
         finder = TagFinder(camera, tagged, DetectSettings(predict=False, refine=refine))
         (found, *_) = finder.find(Frame(camera.name, 0.0, _image(tagged, camera)))
         sigma[refine] = float(np.sqrt(found.corner_cov[0, 0, 0]))
-    assert sigma[False] == DetectSettings().unrefined_sigma
+    assert sigma[False] == UNREFINED_SIGMA
     assert sigma[True] > 1.0  # steep, half hidden, or against a bright face
 
 

@@ -12,8 +12,8 @@ import pytest
 
 from tests.vision.posters import poster
 from tossid.errors import InputError
+from tossid.ingestion import stages
 from tossid.settings.ingestion import DetectSettings
-from tossid.vision import stages
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.detection.second_look import usual_cause
 from tossid.vision.recordings.recording import FrameFile, Recording

@@ -48,13 +48,13 @@ def test_a_views_derivatives(outlier: bool, spread_sigma: float):
     blank = View(
         0, 1, 2, (3, 4), np.array([0.04, 0.03]), np.zeros((2, 4, 2)), W / 1e6, np.ones(2), 0.004, *twists, clock
     )
-    seen = 1e6 / 300 * view_factor(blank, {}, Noise(), huber=3.0).unwhitenedError(values).reshape(2, 4, 2)
+    seen = 1e6 / 300 * view_factor(blank, {}, Noise()).unwhitenedError(values).reshape(2, 4, 2)
     seen += rng.normal(size=(2, 4, 2)) * (0.05 if outlier else 0.001)
     view = View(
         0, 1, 2, (3, 4), half, seen, W, np.ones(2), 0.004, *twists, clock,
         edge_growth=rng.normal(size=(2, 4, 2)) / 300, prints={4: (np.zeros(3), print_)},
     )  # fmt: skip
-    factor = view_factor(view, {}, Noise(spread_sigma=spread_sigma), huber=3.0)
+    factor = view_factor(view, {}, Noise(spread_sigma=spread_sigma))
     linear = factor.linearize(values)
     jacobian = gtsam.JacobianFactor(linear)
     A, _ = jacobian.jacobian()
@@ -78,10 +78,10 @@ def test_a_views_error_is_hubers_loss():
     seen = corners[None] + [0.1, 0.0]
     view = View(0, 1, 2, (3,), np.array([0.05]), seen, np.tile(100.0 * np.eye(2), (1, 4, 1, 1)), np.ones(1), 0.0, np.zeros(6), np.zeros(6))  # fmt: skip  # noqa: E501
     r = 10.0  # 0.1 off, in units of 0.01
-    assert view_factor(view, fixed, Noise(), huber=3.0).error(values) == pytest.approx(4 * (3 * r - 4.5))
+    assert view_factor(view, fixed, Noise()).error(values) == pytest.approx(4 * (3 * r - 4.5))
     # a corner beyond the lens model's reach is far off, and no error
     values.update(2, gtsam.Pose3(transform(np.array([0.0, 0, -1.0]), np.array([1.0, 0, 0, 0]))))
-    assert np.isfinite(view_factor(view, fixed, Noise(), huber=3.0).error(values))
+    assert np.isfinite(view_factor(view, fixed, Noise()).error(values))
 
 
 @pytest.mark.parametrize("kind", ["distance", "coordinate"])

@@ -15,7 +15,7 @@ from tests.vision.sights import filmed_tumble, nees
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
 from tossid.rotations import geodesic_angle, matrix_to_quat, transform, transform_inv, xyzw_to_wxyz
-from tossid.settings.tracking import GraphSettings, TrackSettings
+from tossid.settings.tracking import StreamSettings, TrackSettings
 from tossid.types import Detection
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig
@@ -114,7 +114,7 @@ def test_windows_give_what_one_batch_gives(tagged: ObjectModel):
     scene = observe(detections, cameras, layout, dropped=Counter())
     state, used = initialise(scene), np.ones(len(detections), dtype=bool)
     whole = solve(scene, state, used, covariances=True)
-    parts = solve(scene, state, used, covariances=True, settings=TrackSettings(graph=GraphSettings(window=60)))
+    parts = solve(scene, state, used, covariances=True, settings=TrackSettings(stream=StreamSettings(window=60)))
     distance = np.linalg.norm(whole.state.world[-1][:, :3, 3] - parts.state.world[-1][:, :3, 3], axis=1)
     sigma = np.sqrt(np.diagonal(whole.world_cov[-1], axis1=1, axis2=2)[:, 3:].max(axis=1))
     assert (distance < sigma).all()

@@ -10,7 +10,7 @@ from tests.vision.tracked import track
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_boxminus
 from tossid.settings.tracking import TrackSettings
-from tossid.types import Detection, PoseTrack
+from tossid.types import Detection
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig
 from tossid.vision.pose_graph.track import track_scene
@@ -85,10 +85,3 @@ def test_angles_go_on_beyond_half_a_turn(tagged_elbow: ObjectModel) -> None:
     found, _ = track(_sights(cameras, tagged_elbow, q, rng), cameras, tagged_elbow)
     assert np.abs(np.diff(found.q[:, 7])).max() < 0.1
     assert np.abs(tangent(found, q)[:, 6]).max() < 0.01
-
-
-def test_a_track_with_joints_is_a_pose_track(tagged_elbow: ObjectModel) -> None:
-    rng, cameras = np.random.default_rng(7), default_rig()
-    found, _ = track(_sights(cameras, tagged_elbow, _swaying(10, rng), rng), cameras, tagged_elbow, name="mine")
-    assert isinstance(found, PoseTrack)
-    assert found.name == "mine"

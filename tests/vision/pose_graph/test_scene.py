@@ -61,7 +61,7 @@ def test_frames_within_half_a_period_are_one_step() -> None:
     t = np.concatenate([np.arange(6) / 100, np.arange(6) / 100 + 0.002, np.arange(3) / 50 + 0.001])
     camera = np.repeat([0, 1, 2], [6, 6, 3])
     order = np.argsort(t, kind="stable")
-    step, times = time_steps(t[order], camera[order], periods=0.55)
+    step, times = time_steps(t[order], camera[order])
     np.testing.assert_allclose(times, np.arange(6) / 100)
     np.testing.assert_array_equal(np.bincount(step), [3, 2, 3, 2, 3, 2])
 

@@ -12,12 +12,11 @@ from tests.vision.sights import filmed_tumble
 from tests.vision.tracked import track
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
-from tossid.settings.tracking import TrackSettings
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig
-from tossid.vision.pose_graph.initial import given
 from tossid.vision.pose_graph.scene import observe
 from tossid.vision.pose_graph.setup_checks import check_set_up
+from tossid.vision.pose_graph.state import given
 from tossid.vision.setup.layout import layout_of
 
 
@@ -86,7 +85,7 @@ def test_tags_of_another_size_than_stated_are_reported_with_the_factor(
     cameras = default_rig()[:n_cameras]
     detections, _ = filmed_tumble(cameras, tagged, np.random.default_rng(2), n=60)
     scene = observe(detections, cameras, layout_of(_of_size(tagged, 1 / factor)), dropped=Counter())
-    (suspect,) = check_set_up(scene, given(scene), settings=TrackSettings())
+    (suspect,) = check_set_up(scene, given(scene))
     assert (suspect.kind, suspect.name) == ("size", tagged.body_names[0])
     assert f"appear {said} times as large as stated" in suspect.message
 

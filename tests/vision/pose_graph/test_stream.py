@@ -19,7 +19,7 @@ from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig
 from tossid.vision.pose_graph.stream import statics_known, track_stream
 from tossid.vision.pose_graph.track import Tracked, track_scene
-from tossid.vision.recordings.disk_buffer import detections_aside
+from tossid.vision.recordings.disk_buffer import DetectionSpool
 from tossid.vision.setup.layout import layout_of
 
 SHORT = StreamSettings(piece=0.8, disorder=0.2, border=0.1)
@@ -177,7 +177,7 @@ def test_a_long_recording_is_calibrated_by_stretches_of_it(tagged: ObjectModel, 
         layout = replace(layout, bodies=(*layout.bodies[:-1], replace(body, tags=(body.tags[0], *unknown))))
     settings = replace(STRETCHES, clocks=False)
     whole = track_scene(detections, cameras, layout, settings=settings).tracks["cube"]
-    with detections_aside(iter(detections), tmp_path) as aside:
+    with DetectionSpool(iter(detections), tmp_path) as aside:
         assert list(tmp_path.iterdir()) == []
         found = track_stream(aside, cameras, layout, settings=settings)
     track = found.tracks["cube"]
@@ -207,17 +207,3 @@ def test_a_long_recordings_clock_is_found_by_stretches_of_it(tagged: ObjectModel
     loose = tuple(replace(camera, T_rig_cam_cov=np.eye(6) * 1e-8) for camera in cameras)
     found = track_stream(iter(detections), loose, layout_of(tagged), settings=STRETCHES)
     _assert_clock_taken_off(found, t, q, more_than=420)
-
-
-def test_detections_in_a_temporary_file_are_unchanged(tagged: ObjectModel, tmp_path: Path) -> None:
-    rng, cameras = np.random.default_rng(8), default_rig()
-    t, q = tumble(40, rng)
-    detections = [replace(d, hamming=1, margin=31.5) for d in _sights(cameras, tagged, t, q, rng)]
-    with detections_aside(iter(detections), tmp_path) as aside:
-        for _ in range(2):
-            again = list(aside)
-            assert len(again) == len(detections)
-            for a, b in zip(detections, again, strict=True):
-                assert (a.camera, a.t, a.tag_id, a.hamming, a.margin) == (b.camera, b.t, b.tag_id, b.hamming, b.margin)
-                np.testing.assert_array_equal(a.corners, b.corners)
-                np.testing.assert_array_equal(a.corner_cov, b.corner_cov)

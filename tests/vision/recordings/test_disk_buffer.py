@@ -10,7 +10,7 @@ import pytest
 from tossid.errors import MotionError
 from tossid.types import Detection, PoseTrack
 from tossid.vision.recordings import disk_buffer
-from tossid.vision.recordings.disk_buffer import detections_aside, pose_spool
+from tossid.vision.recordings.disk_buffer import DetectionSpool, PoseSpool
 
 
 def _part(first: int, n: int, *, cov: bool = True) -> PoseTrack:
@@ -28,7 +28,7 @@ def test_detections_can_be_read_again_and_again(tmp_path: Path, monkeypatch: pyt
         Detection(f"cam{i % 3}", i / 10, i, rng.normal(size=(4, 2)), rng.normal(size=(4, 2, 2)), i % 2, float(i))
         for i in range(40)
     ]
-    with detections_aside(iter(given), tmp_path) as kept:
+    with DetectionSpool(iter(given), tmp_path) as kept:
         assert list(tmp_path.iterdir()) == []  # a file without a name
         for _ in range(2):
             for mine, theirs in zip(kept, given, strict=True):
@@ -42,7 +42,7 @@ def test_detections_can_be_read_again_and_again(tmp_path: Path, monkeypatch: pyt
 @pytest.mark.parametrize("cov", [True, False])
 def test_a_tracks_stretches_are_read_as_one(tmp_path: Path, cov: bool) -> None:
     parts = [_part(0, 10, cov=cov), _part(10, 5, cov=cov), _part(20, 8, cov=cov)]
-    with pose_spool(tmp_path) as spool:
+    with PoseSpool(tmp_path) as spool:
         assert spool.track() is None
         for part in parts:
             spool.add(part)
@@ -57,7 +57,7 @@ def test_a_tracks_stretches_are_read_as_one(tmp_path: Path, cov: bool) -> None:
 
 
 def test_stretches_that_do_not_follow_are_refused(tmp_path: Path) -> None:
-    with pose_spool(tmp_path) as spool:
+    with PoseSpool(tmp_path) as spool:
         spool.add(_part(0, 10))
         with pytest.raises(MotionError, match="does not increase"):
             spool.add(_part(5, 10))

@@ -1,21 +1,28 @@
-"""Rendered images hold the truth to a small part of a pixel."""
+"""Rendered images hold the truth to a small part of a pixel; the optics; what lies on the ground."""
 
 from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.vision.films import corner_errors, random_poses, true_corners
+from tests.vision.films import corner_errors, corner_rms, film_of, random_poses, true_corners
 from tossid.errors import InputError, ObjectError
 from tossid.objects import ObjectModel, Tag
 from tossid.rotations import quat_exp, quat_mul
 from tossid.settings.ingestion import DetectSettings
 from tossid.settings.rendering import RenderSettings
+from tossid.synthesis.timeline import Filming, Timeline
 from tossid.types import Frame
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig, look_at
-from tossid.vision.detection.detect import TagFinder
-from tossid.vision.rendering.render import Renderer
+from tossid.vision.cameras.shutter import Shutter
+from tossid.vision.detection.detect import TagFinder, detect_frames
+from tossid.vision.rendering._ground_texture import Items, Levels, paint_ground
+from tossid.vision.rendering.backdrop import KINDS, scatter
+from tossid.vision.rendering.render import LAMP, LIGHT, Renderer
 from tossid.vision.setup.faces import default_tags, tag_bitmap
 
 
@@ -121,3 +128,141 @@ def test_what_cannot_be_drawn_is_refused(tagged: ObjectModel):
     with pytest.raises(InputError, match="cam7"):
         q = random_poses(1)[0]
         Renderer(tagged, default_rig()).render(q, q, "cam7", None)
+
+
+DT = 1 / 148
+
+
+def _facing(width: int = 300, height: int = 240) -> Camera:
+    """A camera that looks along -x at the height 0.5 m, one metre from the origin's axis."""
+    T = look_at([1.0, 1e-9, 0.5], [0.0, 0.0, 0.5])
+    return Camera("c", (width, height), [400, 400, (width - 1) / 2, (height - 1) / 2], T_rig_cam=T)
+
+
+def test_defocus_widens_an_edge_as_a_thin_lens_does(cube: ObjectModel):
+    """The line spread of a disc of diameter c is half an ellipse, whose standard deviation is c/4."""
+    camera, focus = _facing(), 0.6
+    q = np.array([0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0])
+    for aperture in (0.0, 0.01, 0.02):
+        settings = RenderSettings(blur=0.0, noise=0.0, ambient=1.0, samples=256, aperture=aperture, focus=focus)
+        renderer = Renderer(cube, [camera], settings)
+        level = renderer.render(q, q, "c", None)[100:140, 150:].astype(float).mean(axis=0)
+        spread = -np.diff(level[:60])
+        columns = np.arange(len(spread))
+        keep = np.abs(columns - np.argmax(spread)) < 12
+        spread, columns = np.clip(spread[keep], 0, None), columns[keep]
+        middle = np.average(columns, weights=spread)
+        variance = np.average((columns - middle) ** 2, weights=spread)
+        disc = aperture * 400 * abs(1 / (1 - 0.0524) - 1 / focus)
+        # a pixel's own width, once by its area and once by the difference
+        assert variance == pytest.approx(disc**2 / 16 + 2 / 12, abs=0.05 + 0.04 * disc**2 / 16)
+    assert disc > 4
+
+
+def test_the_plane_in_focus_stays_sharp(tagged: ObjectModel):
+    camera = _facing()
+    q = np.array([0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0])
+    sharp, focused = (
+        Renderer(tagged, [camera], RenderSettings(noise=0.0, aperture=a, focus=1 - 0.0524)).render(q, q, "c", None)
+        for a in (0.0, 0.03)
+    )
+    face = (slice(100, 140), slice(130, 170))
+    assert np.abs(sharp[face].astype(int) - focused[face]).max() <= 2
+
+
+def test_glare_lies_where_a_mirror_would_show_the_lamp(tagged: ObjectModel):
+    camera = default_rig(n_cameras=1)[0]
+    settings = RenderSettings(noise=0.0, blur=0.0, glare=1.0, gloss=3000.0, samples=32)
+    lamp = LAMP * LIGHT
+    eye = camera.T_world_cam[:3, 3]
+    at = np.array([0.0, 0.0, 0.2])
+    for _ in range(20):  # the face whose mirror image of the lamp is in its middle
+        normal = (lamp - at) / np.linalg.norm(lamp - at) + (eye - at) / np.linalg.norm(eye - at)
+        normal /= np.linalg.norm(normal)
+        at = np.array([0.02, 0.01, 0.2])
+    turn = np.cross([0.0, 0.0, 1.0], normal)
+    quat = quat_exp(turn / np.linalg.norm(turn) * np.arcsin(np.linalg.norm(turn)))
+    q = np.array([*(at - 0.0524 * normal), *quat])
+    plain = Renderer(tagged, [camera], RenderSettings(noise=0.0, blur=0.0, samples=32)).render(q, q, "cam0", None)
+    shiny = Renderer(tagged, [camera], settings).render(q, q, "cam0", None)
+    added = shiny.astype(float) - plain
+    dark = plain < 60  # where nothing saturates
+    rows, columns = np.nonzero(dark & (added > 0.5 * added[dark].max()))
+    middle = np.average(np.column_stack([columns, rows]), axis=0, weights=added[rows, columns])
+    np.testing.assert_allclose(middle, camera.project(at[None])[0], atol=6.0)
+    assert added[dark].max() > 100
+    found = {d.tag_id for d in TagFinder(camera, tagged).find(Frame("cam0", 0.0, shiny))}
+    before = {d.tag_id for d in TagFinder(camera, tagged).find(Frame("cam0", 0.0, plain))}
+    assert found <= before
+
+
+def test_visible_shares_are_those_of_the_picture(elbow: ObjectModel):
+    """Seen along y with the hinge at zero, the second link's near face is hidden and the first one's is not."""
+    model = elbow.with_changes(tags=default_tags(elbow))
+    camera = Camera("c", (640, 512), [900, 900, 320, 256], T_rig_cam=look_at([0.0, -0.8, 0.3001], [0.0, 0.0, 0.3]))
+    renderer = Renderer(model, [camera])
+    q = np.array([0.0, 0.0, 0.3, 1.0, 0.0, 0.0, 0.0, 0.0])
+    exposure = Shutter().expose(np.array([0.0, DT]), np.stack([q, q]), 0, 512, 16)
+    shares = dict(zip([tag.id for tag in model.tags], renderer.visible(exposure, "c"), strict=True))
+    assert shares[3] == 1.0
+    assert shares[9] == 0.0
+    assert all(0 <= share <= 1 for share in shares.values())
+    aside = q + np.array([camera.T_world_cam[0, 3] + 0.8 * 320 / 900, 0, 0, 0, 0, 0, 0, 0])  # on the image's edge
+    exposure = Shutter().expose(np.array([0.0, DT]), np.stack([aside, aside]), 0, 512, 16)
+    assert 0.2 < renderer.visible(exposure, "c")[3] < 0.8
+
+
+CAMERA = Camera("c", (120, 90), [100, 100, 59.5, 44.5], T_rig_cam=look_at([0.0, -1.0, 0.6], [0.0, 0.0, 0.2]))
+CENTRES = np.array([[0.5, 0.5, 0.5, 0.5, 0.0]])
+
+
+def _painted(levels: Levels, items: Items) -> np.ndarray:
+    canvas = np.empty((90, 120), dtype=np.float32)
+    paint_ground(canvas, CAMERA.rays, CENTRES, CAMERA.T_world_cam, (0.0, 1.0), levels, items)
+    return canvas
+
+
+def _items(*rows: list[float]) -> Items:
+    half = np.array(rows, dtype=float).reshape(-1, 5)
+    bitmaps = np.tile(np.array([[1, 0], [0, 0]], dtype=np.uint8), (len(half), 1, 1))
+    return Items(half, np.full(len(half), 2, dtype=np.int64), bitmaps)
+
+
+def test_the_wall_begins_at_the_horizon() -> None:
+    canvas = _painted(Levels(100.0, 40.0, 0.0, 220.0, 10.0), _items())
+    rays = CAMERA.rays[:-1, :-1] + 0.5 * (CAMERA.rays[1:, 1:] - CAMERA.rays[:-1, :-1])
+    down = np.concatenate([rays, np.ones((90, 120, 1))], axis=-1) @ CAMERA.T_world_cam[2, :3]
+    np.testing.assert_array_equal(canvas == 40.0, down >= 0)
+
+
+def test_a_prints_cells_lie_where_it_lies() -> None:
+    canvas = _painted(Levels(100.0, 40.0, 0.0, 220.0, 10.0), _items([0.0, 0.0, 1.0, 0.0, 0.2]))
+    for (x, y), level in {(-0.1, 0.1): 220.0, (0.1, 0.1): 10.0, (-0.1, -0.1): 10.0}.items():
+        column, row = np.round(CAMERA.project(np.array([[x, y, 0.0]]))[0]).astype(int)
+        assert canvas[row, column] == level
+
+
+def test_texture_has_the_contrast_that_is_asked_for() -> None:
+    levels = Levels(100.0, 40.0, 0.0, 220.0, 10.0)
+    plain, rough = (_painted(levels._replace(texture=texture), _items()) for texture in (0.0, 20.0))
+    ground = plain != 40.0
+    assert 10.0 < (rough - plain)[ground].std() < 30.0
+    assert abs((rough - plain)[ground].mean()) < 6.0
+
+
+def test_clutter_gives_no_false_tag(tagged: ObjectModel, timeline: Timeline, rig, tmp_path: Path):
+    own = frozenset(tag.id for tag in tagged.tags)
+    litter = scatter(24, np.random.default_rng(1), area=1.0, own_ids=own)
+    assert {thing.kind for thing in litter} == set(KINDS)
+    assert own.isdisjoint({thing.tag_id for thing in litter if thing.tag_id is not None})
+    settings = RenderSettings(samples=8, texture=25.0, litter=litter)
+    part = Timeline(timeline.t[::4], timeline.q[::4], (), np.zeros(0), np.zeros(0))
+    recording, _ = film_of(part, tagged, rig, tmp_path / "r", Filming(), settings)
+    tally: Counter[str] = Counter()
+    found = list(detect_frames(recording, tagged, tally=tally))
+    assert {d.tag_id for d in found} <= own
+    assert max(corner_rms(d, recording, tagged, part) for d in found) < 2.0
+    assert tally["rejected: id not on the object"] > 0
+    everything = list(detect_frames(recording, None))
+    strange = {thing.tag_id for thing in litter if thing.kind == "tag"}
+    assert len(strange & {d.tag_id for d in everything}) >= 2  # they can be read

@@ -7,13 +7,11 @@ coordinates, and intersected. Each corner gets the covariance that follows from 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.kernels import REORDERED, kernel
-from tossid.settings.ingestion import CornerSettings
 from tossid.vision.cameras.camera import Camera
 
 Array = NDArray[np.float64]
@@ -22,19 +20,16 @@ _MOST = 64
 """Stretches of an edge, at most: the size of scratch arrays."""
 _N = 11
 """Parameters of a tag's image: two of each edge, black, white, width of the edges."""
-DEFAULT = CornerSettings()
-
-
-class _Limits(NamedTuple):
-    """`CornerSettings` for the kernels."""
-
-    contrast: float
-    least_sigma: float
-    iterations: int
-    converged: float
-    correlation: float
-    least_blur: float
-    most_blur: float
+CONTRAST = 12.0
+"""Least difference between black border and white margin [grey levels]."""
+LEAST_SIGMA = 0.007
+"""Least standard deviation of a corner [px]; measured on rendered tags."""
+MOST_STEPS, CONVERGED = 12, 5e-3
+"""Most Gauss-Newton steps of a fit, and the largest move of an edge at which it has converged [px]."""
+CORRELATION = 4.0
+"""Length along an edge over which the image's errors may be correlated [px]."""
+LEAST_BLUR, MOST_BLUR = 0.3, 4.0
+"""Limits of the blur's standard deviation, the pixel's own area included [px]."""
 
 
 def refine_corners(
@@ -43,7 +38,6 @@ def refine_corners(
     corners: Array,
     *,
     cells: int = 8,
-    settings: CornerSettings = DEFAULT,
 ) -> tuple[Array, Array, bool]:
     """A detector's corners, measured again to a fraction of a pixel.
 
@@ -55,7 +49,7 @@ def refine_corners(
     Gauss-Newton with Huber's weights.
 
     Covariance: the noise is the scatter of the residuals in the direction that moves an edge. It is summed over
-    stretches of length `correlation`, so that noise which neighbouring pixels share counts. The covariance of the
+    stretches of length `CORRELATION`, so that noise which neighbouring pixels share counts. The covariance of the
     lines, and so of each corner, is that noise over the gradient. The bias from what lies beyond the next cell is
     added as a variance (`_bleed`).
 
@@ -64,7 +58,6 @@ def refine_corners(
         camera: The image's camera.
         corners: (4, 2) [px], in the order bottom-left, bottom-right, top-right, top-left.
         cells: Cells across the tag, its black border included.
-        settings: When the fit converges, and what it accepts.
 
     Returns:
         corners (4, 2) [px], covariances (4, 2, 2) [px²], and whether it worked. Where it
@@ -72,11 +65,9 @@ def refine_corners(
     """
     refined = np.array(corners, dtype=float)
     cov = np.zeros((4, 2, 2))
-    limits = _Limits(**vars(settings))
-    good = _refine(image, camera.rays, refined, cov, cells, limits)
-    if not good:
+    if not _refine(image, camera.rays, refined, cov, cells):
         return np.asarray(corners, dtype=float), np.zeros((4, 2, 2)), False
-    return refined, cov + settings.least_sigma**2 * np.eye(2), True
+    return refined, cov + LEAST_SIGMA**2 * np.eye(2), True
 
 
 @kernel
@@ -175,16 +166,14 @@ def _collect(
     e: int,
     x: Array,
     spread: float,
-    correlation: float,
     H: Array,
     b: Array,
     score: Array,
 ) -> tuple[int, float]:
     """Add an edge's pixels to the normal equations H (11, 11), b (11,).
 
-    x: black, white, width. spread: standard deviation of a residual that is no outlier. correlation: length of a
-    stretch [px].
-    score: (stretches, 2) Σ gradient residual and Σ gradient² of each, weighted.
+    x: black, white, width. spread: standard deviation of a residual that is no outlier. score: (stretches, 2)
+    Σ gradient residual and Σ gradient² of each, weighted.
 
     Returns: number of pixels, sum of absolute residuals; -1 where the strip leaves the image.
     """
@@ -250,7 +239,7 @@ def _collect(
                 own_b[k] += weighted * r
                 for m in range(k + 1):
                     own_H[k, m] += weighted * J[m]
-            bin_ = min(int(along / correlation), _MOST - 1)
+            bin_ = min(int(along / CORRELATION), _MOST - 1)
             score[bin_, 0] += weight * g * r
             score[bin_, 1] += weight * g * g
             n += 1
@@ -316,25 +305,25 @@ def _corners(rays: Array, lines: Array, move: Array, corners: Array, cov: Array,
 
 
 @kernel
-def _refine(image: NDArray[np.uint8], rays: Array, corners: Array, cov: Array, cells: int, limits: _Limits) -> bool:
+def _refine(image: NDArray[np.uint8], rays: Array, corners: Array, cov: Array, cells: int) -> bool:
     """Refine corners (4, 2) in place; fill cov (4, 2, 2)."""
     first = corners.copy()
     lines, x = np.empty((4, 7)), np.zeros(3)
     C, bleed2 = np.zeros((8, 8)), np.zeros(4)
     spread = 1e9
-    for attempt in range(limits.iterations):
+    for attempt in range(MOST_STEPS):
         if not _lines(rays, corners, cells, lines):
             return False
         if attempt == 0:
             _levels(image, corners, lines, x)
-        if not x[1] - x[0] > 0.5 * limits.contrast:
+        if not x[1] - x[0] > 0.5 * CONTRAST:
             return False
         H, b = np.zeros((_N, _N)), np.zeros(_N)
         score = np.zeros((4 * _MOST, 2))
         n, total = 0, 0.0
         for e in range(4):
             own = score[e * _MOST : (e + 1) * _MOST]
-            count, size = _collect(image, rays, corners, lines, e, x, spread, limits.correlation, H, b, own)
+            count, size = _collect(image, rays, corners, lines, e, x, spread, H, b, own)
             if count < 8:
                 return False
             n, total = n + count, total + size
@@ -354,10 +343,10 @@ def _refine(image: NDArray[np.uint8], rays: Array, corners: Array, cov: Array, c
         limit = min(1.0, 1.0 / max(most, 1e-12))
         x[0] += limit * step[8]
         x[1] += limit * step[9]
-        x[2] = min(max(x[2] + limit * min(max(step[10], -0.4), 0.4), limits.least_blur), limits.most_blur)
-        done = most < limits.converged or attempt == limits.iterations - 1
+        x[2] = min(max(x[2] + limit * min(max(step[10], -0.4), 0.4), LEAST_BLUR), MOST_BLUR)
+        done = most < CONVERGED or attempt == MOST_STEPS - 1
         if done:
-            if x[1] - x[0] < limits.contrast:
+            if x[1] - x[0] < CONTRAST:
                 return False
             squares, noise, bins = 0.0, 0.0, 0
             for k in range(4 * _MOST):

@@ -33,6 +33,17 @@ TILE = 4
 DAMAGED = "damaged frames"
 """Counts frames of films that cannot be decoded."""
 DEFAULT = DetectSettings()
+UNREFINED_SIGMA = 0.4
+"""Standard deviation of a corner as the AprilTag library gives it [px]; measured on rendered tags."""
+BORDER = 2.0
+"""Least distance from the image's border of a corner that is not refined [px]; nearer ones are extrapolated."""
+HIDDEN_SIGMA, BESIDE_HIDDEN = 0.5, 0.2
+"""Standard deviation, in cells, of corners at an edge that something lies against, and of a tag whose edges could not
+be fitted; and the share of it that the tag's other corners get."""
+FINE_SEARCH = 4
+"""Of this many frames in a row without a tag, one is searched whole at full resolution."""
+BATCH = 96
+"""Frames of one camera that are searched in one go; bounds the memory."""
 
 
 class TagFinder:
@@ -66,9 +77,7 @@ class TagFinder:
         names = {self._family.get(tag_id, self._usual) for tag_id in ids}
         self._families = tuple(sorted(names | {self._usual} if self.tag_ids is None else names))
         self.tally: Counter[str] = Counter()  # of what was rejected, by reason, and of how often was searched where
-        self._predictor = (
-            Predictor(camera, model, settings=settings.prediction) if model is not None and settings.predict else None
-        )
+        self._predictor = Predictor(camera, model) if model is not None and settings.predict else None
         self._lost = 0  # whole-image searches since tags were last seen
 
     def find(self, frame: Frame) -> list[Detection]:
@@ -95,7 +104,7 @@ class TagFinder:
     def _everywhere(self, frame: Frame) -> list[Detection]:
         """Search the whole image coarsely; at first and now and then finely, as small tags need."""
         self.tally["searched the whole image"] += 1
-        fine = self._lost % self.settings.fine_search == 0
+        fine = self._lost % FINE_SEARCH == 0
         self._lost += 1
         coarse = self.settings.search_decimate > self.settings.quad_decimate
         seen = self._search(frame, (0, 0), frame.image, self.settings.search_decimate, count=False)
@@ -151,21 +160,19 @@ class TagFinder:
         cov, refined = np.zeros((4, 2, 2)), False
         settings, cells = self.settings, FAMILIES[raw.tag_family.decode()]
         if settings.refine:
-            corners, cov, refined = refine_corners(
-                frame.image, self.camera, corners, cells=cells, settings=settings.corners
-            )
+            corners, cov, refined = refine_corners(frame.image, self.camera, corners, cells=cells)
             notes["corners not refined"] += not refined
-        sigma = settings.unrefined_sigma
+        sigma = UNREFINED_SIGMA
         if settings.refine:
-            hidden, cell = hidden_edges(frame.image, corners, cells=cells, settings=settings.occlusion)
-            hidden_sigma = settings.hidden_sigma * cell
+            hidden, cell = hidden_edges(frame.image, np.ascontiguousarray(corners), cells)
+            hidden_sigma = HIDDEN_SIGMA * cell
             sigma = max(sigma, hidden_sigma)  # where the edges fit no tag's, the image's border or a hand cuts it
             if hidden.any():  # what lies against one edge biases the fit of the other edges a little too
-                share = np.where(hidden | np.roll(hidden, 1), 1.0, settings.beside_hidden)
+                share = np.where(hidden | np.roll(hidden, 1), 1.0, BESIDE_HIDDEN)
                 cov = cov + (share * hidden_sigma)[:, None, None] ** 2 * np.eye(2)
                 notes["edges that may not be the tag's"] += 1
         if not refined:
-            if not self.camera.contains(corners, margin=settings.border).all():
+            if not self.camera.contains(corners, margin=BORDER).all():
                 notes["rejected: cut by the image's edge"] += 1
                 return None
             cov = np.tile(sigma**2 * np.eye(2), (4, 1, 1))
@@ -225,7 +232,6 @@ class _Detector(Detector):
         for family in families[1:]:
             create = getattr(self.libc, f"{family}_create")
             create.restype = ctypes.c_void_p
-            corrected_bits = 2 if family in FAMILIES else 0  # the table of corrections takes a gigabyte for some
             corrected_bits = 2 if family in FAMILIES else 0  # for some, the table of corrections takes a gigabyte
             made = ctypes.c_void_p(create())
             self.libc.apriltag_detector_add_family_bits(self.tag_detector_ptr, made, corrected_bits)
@@ -299,7 +305,7 @@ def detect_frames(
     if model is not None and not model.tags:
         raise ObjectError(f"object '{model.name}' has no tags to look for")
     tally = Counter() if tally is None else tally
-    batches = _batches(recording, settings.batch)
+    batches = _batches(recording)
     pool = ThreadPoolExecutor(max_workers=threads, thread_name_prefix="detect")
     running: deque[list[Future[tuple[list[Detection], Counter[str], int]]]] = deque()
 
@@ -324,11 +330,11 @@ def detect_frames(
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _batches(recording: Recording, size: int) -> Iterator[list[Sequence[FrameFile]]]:
+def _batches(recording: Recording) -> Iterator[list[Sequence[FrameFile]]]:
     """For each stretch of time, one run of frames a camera."""
     first = min(files[0].t_ns for files in recording.frames.values())
     last = max(files[-1].t_ns for files in recording.frames.values())
-    span = size * 1e9 / recording.rate_hz if np.isfinite(recording.rate_hz) else float("inf")
+    span = BATCH * 1e9 / recording.rate_hz if np.isfinite(recording.rate_hz) else float("inf")
     at = dict.fromkeys(recording.frames, 0)
     until = first + span
     while any(at[name] < len(files) for name, files in recording.frames.items()):

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from tossid.objects import ObjectModel, body_poses
 from tossid.rotations import quat_rotate, transform_inv, transform_points
-from tossid.settings.ingestion import PredictionSettings
 from tossid.types import Detection
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.detection.corners import rays_at
@@ -20,7 +19,12 @@ from tossid.vision.setup.layout import SQUARE
 
 Array = NDArray[np.float64]
 
-DEFAULT = PredictionSettings()
+VELOCITY_CHANGE = 1.0
+"""A body's velocity may change by as much as it is, and by this much more, from frame to frame [m/s]: at an impact."""
+MARGIN = 8.0
+"""Margin around a tag, for its white border and blur [px]."""
+RMS_RATIO, RMS_SLACK = 3.0, 0.3
+"""Poses whose rms reprojection is less than this times the best one's, and this much more [px], are possible."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,15 +43,9 @@ class Predictor:
     middle is predicted to move on at its velocity; the tags lie within a sphere about it, however it turns.
     """
 
-    def __init__(self, camera: Camera, model: ObjectModel, *, settings: PredictionSettings = DEFAULT) -> None:
-        """Predict for one camera.
-
-        Args:
-            camera: Whose images are searched.
-            model: The object, with its tags.
-            settings: How far it may have moved.
-        """
-        self.camera, self.settings = camera, settings
+    def __init__(self, camera: Camera, model: ObjectModel) -> None:
+        """Predict for one camera."""
+        self.camera = camera
         self._tags = {tag.id: tag for tag in model.tags}
         self._middle, self._own, self._all = tag_spheres(model)
         self._tagged = np.flatnonzero(np.isfinite(self._own))
@@ -68,13 +66,13 @@ class Predictor:
         for body, seen in self._last.items():
             dt = t - seen.t
             radius = (self._own if complete else self._all)[body]
-            radius += abs(dt) * (float(np.linalg.norm(seen.velocity)) + self.settings.velocity_change) if dt else 0.0
+            radius += abs(dt) * (float(np.linalg.norm(seen.velocity)) + VELOCITY_CHANGE) if dt else 0.0
             centers = seen.centers + dt * seen.velocity
             pixels, _ = self.camera.distort(centers)
             depth = centers[:, 2] - radius
             if not np.isfinite(pixels).all() or (depth <= 0).any():
                 return None
-            reach = (self.camera.intrinsics[:2].max() * radius / depth)[:, None] + self.settings.margin
+            reach = (self.camera.intrinsics[:2].max() * radius / depth)[:, None] + MARGIN
             low, high = np.minimum(low, (pixels - reach).min(axis=0)), np.maximum(high, (pixels + reach).max(axis=0))
         low, high = np.maximum(np.floor(low), 0), np.minimum(np.ceil(high) + 1, self.camera.resolution)
         if not (high - low >= 16).all():
@@ -116,15 +114,12 @@ class Predictor:
             flat = x[..., :2] / np.where(x[..., 2:] > 0, x[..., 2:], np.nan) - seen.reshape(-1, 2)
         rms = self.camera.intrinsics[0] * np.sqrt(np.nan_to_num(np.sum(flat**2, axis=-1), nan=np.inf).mean(axis=-1))
         order = np.argsort(rms)
-        order = order[rms[order] <= self.settings.rms_ratio * rms[order[0]] + self.settings.rms_slack]
+        order = order[rms[order] <= RMS_RATIO * rms[order[0]] + RMS_SLACK]
         return np.asarray(transform_points(T[order], middle[None])[:, 0])
 
 
 def tag_spheres(model: ObjectModel) -> tuple[Array, Array, Array]:
     """For each body, spheres that hold tags; joints are taken at eight angles.
-
-    Args:
-        model: The object with its tags.
 
     Returns:
         The middle of each body's own tags, in its frame (n_b, 3) [m]; the radii about it that hold its own tags (n_b,)

@@ -10,15 +10,35 @@ from numpy.typing import NDArray
 from tossid.rotations import matrix_to_quat, quat_boxminus, quat_exp, quat_mul, transform, transform_inv
 from tossid.settings.tracking import TrackSettings
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.pose_graph.initial import State, choose, is_known
-from tossid.vision.pose_graph.resect import Sightings, resect, residuals
+from tossid.vision.pose_graph.corner_projection import corner_errors
+from tossid.vision.pose_graph.initial import choose
+from tossid.vision.pose_graph.resect import Sightings, resect
 from tossid.vision.pose_graph.scene import Scene, gap
+from tossid.vision.pose_graph.state import State, is_known
 from tossid.vision.setup.layout import Body
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
+REACH = 0.25
+"""Largest offset that is looked for once clocks were set coarsely, at any offset, from all that is seen [s]."""
+SEARCH_STEPS = 0.004, 0.001, 0.00025
+"""Steps of the offsets that are tried, from coarse to fine [s]."""
+STRETCHES, STRETCH_STEPS = 10, 120
+"""Stretches of the recording that are used, and time steps of each."""
+FEWEST_STEPS = 20
+"""Time steps in which one camera alone has to place a body, for the others to be compared with it."""
+FEWEST_SIGHTINGS = 40
+"""Sightings of a tag of that body from which another camera's clock is looked for."""
+SOFT_PIXELS = 5.0
+"""Reprojection at which a corner's weight is halved (Geman and McClure) [px]."""
+MISFIT_SHARE = 0.6
+"""An offset must bring the misfit below this share of the misfit without it."""
+SAME = 0.0005
+"""Clocks that are no further apart are one [s]."""
+SIGMAS = 5.0
+"""The pose graph confirms an offset that is so many of its standard deviations from zero."""
 PLACING = 200
 """Sightings that place a camera of unknown pose."""
 
@@ -33,15 +53,14 @@ def clock_offsets(scene: Scene, state: State, *, settings: TrackSettings) -> dic
     Args:
         scene: The sightings.
         state: Poses of cameras, tags and static bodies (`initial.given`).
-        settings: Of the search.
+        settings: Of the choice between two poses.
     """
-    search = settings.clock_search
     found: dict[int, float] = {}
     n = len(scene.t)
-    starts = np.linspace(0, max(n - search.stretch_steps, 0), search.stretches).astype(np.int64)
+    starts = np.linspace(0, max(n - STRETCH_STEPS, 0), STRETCHES).astype(np.int64)
     sampled = np.zeros(n, dtype=bool)
     for start in starts:
-        sampled[start : start + search.stretch_steps] = True
+        sampled[start : start + STRETCH_STEPS] = True
     usable = sampled[scene.step] & is_known(state.tag)[scene.tag] & (scene.count == 1)
     for b, body in enumerate(scene.bodies):
         rows = np.flatnonzero(usable & (scene.body[scene.tag] == b))
@@ -51,20 +70,20 @@ def clock_offsets(scene: Scene, state: State, *, settings: TrackSettings) -> dic
         reference = int(np.argmax(counts))
         own = rows[scene.camera[rows] == reference]
         motion = Motion(*lone_motion(scene, own, state.tag[scene.tag[own]], settings), settings.max_gap)
-        if len(motion.t) < search.fewest_steps:
+        if len(motion.t) < FEWEST_STEPS:
             continue
-        for c in map(int, np.flatnonzero(counts >= search.fewest_sightings)):
+        for c in map(int, np.flatnonzero(counts >= FEWEST_SIGHTINGS)):
             if (
                 c != reference
                 and c not in found
                 and stand_together(scene.cameras[reference], scene.cameras[c], scene.bodies)
             ):
                 T_cam_reference = _between(scene, state, c, reference)
-                offset = _offset(scene, state, rows[scene.camera[rows] == c], motion, T_cam_reference, settings)
+                offset = _offset(scene, state, rows[scene.camera[rows] == c], motion, T_cam_reference)
                 if offset is not None:
                     found[c] = offset
         if found:
-            found = most_at_zero({int(c): found.get(int(c), 0.0) for c in np.flatnonzero(counts)}, search.same)
+            found = most_at_zero({int(c): found.get(int(c), 0.0) for c in np.flatnonzero(counts)}, SAME)
     return found
 
 
@@ -80,13 +99,7 @@ def most_at_zero(clocks: dict[int, float], same: float) -> dict[int, float]:
 
 
 def stand_together(a: Camera, c: Camera, bodies: Sequence[Body]) -> bool:
-    """Whether the pose between two cameras never changes.
-
-    Args:
-        a: The one camera.
-        c: The other.
-        bodies: Those of the layout, with the cameras' rigs.
-    """
+    """Whether the pose between two cameras never changes."""
     rigs = {a.rig_body, c.rig_body}
     return len(rigs) == 1 or all(body.is_static for body in bodies if body.name in rigs)
 
@@ -98,13 +111,13 @@ def lone_motion(scene: Scene, rows: Ints, T_target_tag: Array, settings: TrackSe
         scene: The sightings.
         rows: Those of the camera of the target's tags, (k,).
         T_target_tag: Pose of each row's tag on the target, (k, 4, 4).
-        settings: Of fits, and of the choice between two poses.
+        settings: Of the choice between two poses.
     """
     if not len(rows):
         return np.zeros(0), np.zeros((0, 4, 4))
     steps, group = np.unique(scene.step[rows], return_inverse=True)
     s = _sightings(scene, rows, np.broadcast_to(np.eye(4), (len(rows), 4, 4)), T_target_tag, group)
-    poses = resect(s, len(steps), settings=settings.resection)
+    poses = resect(s, len(steps))
     t = scene.t[steps] + scene.delay[rows[np.searchsorted(group, np.arange(len(steps)))]]
     T, certain = choose(poses, t, settings)
     return t[certain], T[certain]
@@ -124,11 +137,8 @@ def _between(scene: Scene, state: State, a: int, c: int) -> Array | None:
     return T_a_c if is_known(T_a_c) else None
 
 
-def _offset(
-    scene: Scene, state: State, rows: Ints, motion: Motion, T_cam_reference: Array | None, settings: TrackSettings
-) -> float | None:
+def _offset(scene: Scene, state: State, rows: Ints, motion: Motion, T_cam_reference: Array | None) -> float | None:
     """The offset at which a motion fits one camera's sightings best, None if zero fits nearly as well."""
-    search = settings.clock_search
     if T_cam_reference is None:
         rows = rows[:: -(-len(rows) // PLACING)]
     own = scene.t[scene.step[rows]] + scene.delay[rows]
@@ -141,24 +151,24 @@ def _offset(
         T_reference_tag = T_reference_body[good] @ state.tag[scene.tag[rows[at]]]
         s = _sightings(scene, rows[at], np.broadcast_to(np.eye(4), T_reference_tag.shape), T_reference_tag, group)
         if T_cam_reference is None and len(groups):
-            T = resect(s, len(groups), settings=settings.resection).T[group]
+            T = resect(s, len(groups)).T[group]
         else:
             T = np.broadcast_to(np.eye(4) if T_cam_reference is None else T_cam_reference, T_reference_tag.shape)
-        r, _ = residuals(s, T)
+        r = corner_errors(np.ascontiguousarray(T), s.points, s.seen)
         square = np.sum(np.squeeze(scene.to_pixels[rows[at]] @ r[..., None], -1) ** 2, axis=-1)
-        each = np.nan_to_num(square / (square + search.soft_pixels**2), nan=1.0).mean(axis=-1)
+        each = np.nan_to_num(square / (square + SOFT_PIXELS**2), nan=1.0).mean(axis=-1)
         total = np.bincount(which, each, minlength=len(offsets))
         return np.asarray(np.where(counts > 0, total / np.maximum(counts, 1), np.inf)), counts
 
-    grid: Array = np.arange(-search.reach, search.reach + 1e-9, search.steps[0])
+    grid: Array = np.arange(-REACH, REACH + 1e-9, SEARCH_STEPS[0])
     curve, counts = misfits(grid)
     curve[counts < 0.5 * counts.max()] = np.inf
     best = float(grid[np.argmin(curve)])
-    for step in search.steps[1:]:
+    for step in SEARCH_STEPS[1:]:
         near = best + step * np.linspace(-4.0, 4.0, 9)
         best = float(near[np.argmin(misfits(near)[0])])
     there, here = misfits(np.array([best, 0.0]))[0]
-    return best if there < search.misfit_share * here and abs(best) > search.same else None
+    return best if there < MISFIT_SHARE * here and abs(best) > SAME else None
 
 
 class Motion:

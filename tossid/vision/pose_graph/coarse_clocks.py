@@ -24,9 +24,9 @@ from tossid.errors import InputError
 from tossid.settings.tracking import TrackSettings
 from tossid.types import Detection
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.pose_graph.clocks import Motion, lone_motion, most_at_zero, stand_together
-from tossid.vision.pose_graph.initial import given, is_known
+from tossid.vision.pose_graph.clocks import REACH, Motion, lone_motion, most_at_zero, stand_together
 from tossid.vision.pose_graph.scene import Scene, observe
+from tossid.vision.pose_graph.state import given, is_known
 from tossid.vision.setup.layout import TagLayout
 
 Array = NDArray[np.float64]
@@ -69,11 +69,7 @@ class CoarseClocks:
     doubts: dict[str, str] = field(default_factory=dict)
 
     def in_time(self, detections: Iterable[Detection]) -> Iterable[Detection]:
-        """Detections with the offsets subtracted, in order of time if each camera's are; to be gone through as often.
-
-        Args:
-            detections: They are gone through once for each offset.
-        """
+        """Detections with the offsets subtracted, in order of time if each camera's are; read anew each time."""
         return _InTime(detections, self.offsets) if self.offsets else detections
 
 
@@ -97,28 +93,20 @@ class _InTime(Iterable[Detection]):
 def coarse_clocks(
     detections: Iterable[Detection], cameras: Sequence[Camera], layout: TagLayout, *, settings: TrackSettings
 ) -> CoarseClocks:
-    """The offsets of clocks that are further apart than `clock_offsets` looks.
-
-    Args:
-        detections: Those of each camera in order of time.
-        cameras: Their poses need not be known.
-        layout: Bodies and their tags.
-        settings: Of the fine search, and of fits.
-    """
+    """The offsets of clocks that are further apart than `clock_offsets` looks."""
     if len(cameras) < 2:
         return CoarseClocks()
     motions: dict[int, Motions] = defaultdict(lambda: defaultdict(list))
     thinned = _thinned(detections)
     while some := list(itertools.islice(thinned, AT_ONCE)):
         try:
-            scene = observe(some, cameras, layout, dropped=Counter(), settings=settings)
+            scene = observe(some, cameras, layout, dropped=Counter())
         except InputError:  # none is of a tag of the scene
             continue
         _add_motions(scene, motions, settings)
     grids = {c: grid for c in motions if (grid := _Grid(motions[c], settings)).length}
-    reach = settings.clock_search.reach
-    clocks, why = _chained(grids, lambda a, c: stand_together(cameras[a], cameras[c], layout.bodies), reach)
-    apart = most_at_zero(clocks, 0.5 * reach) if clocks else {}  # within its reach, `clock_offsets` decides
+    clocks, why = _chained(grids, lambda a, c: stand_together(cameras[a], cameras[c], layout.bodies))
+    apart = most_at_zero(clocks, 0.5 * REACH) if clocks else {}  # within its reach, `clock_offsets` decides
     return CoarseClocks(
         {cameras[c].name: offset for c, offset in apart.items()},
         {cameras[c].name: reason.format(cameras[source].name) for c, (source, reason) in why.items()},
@@ -184,7 +172,7 @@ class _Grid:
 
 
 def _chained(
-    grids: dict[int, _Grid], together: Callable[[int, int], bool], reach: float
+    grids: dict[int, _Grid], together: Callable[[int, int], bool]
 ) -> tuple[dict[int, float], dict[int, tuple[int, str]]]:
     """Clocks of cameras, each by one that is placed before it; and of the others against which one, and why not."""
     order = sorted(grids, key=lambda c: -sum(int(good.sum()) for _, good in grids[c].poses.values()))
@@ -196,7 +184,7 @@ def _chained(
         for c in order:
             if c in clocks or not together(source, c) or not grids[source].poses.keys() & grids[c].poses.keys():
                 continue
-            offset, reason = _compared(grids[source], grids[c], reach)
+            offset, reason = _compared(grids[source], grids[c])
             if offset is not None:
                 clocks[c] = clocks[source] + offset
                 sources.append(c)
@@ -207,10 +195,10 @@ def _chained(
     return ordered, {c: found for c, found in why.items() if found[1]}
 
 
-def _compared(a: _Grid, b: _Grid, reach: float) -> tuple[float | None, str]:
+def _compared(a: _Grid, b: _Grid) -> tuple[float | None, str]:
     """How late b's clock is against a's, 0 if they may well agree; or else None, and why."""
     offset, evidence, misfit, spread = _evidence(a, b)
-    near = np.flatnonzero((np.abs(offset) <= reach) & np.isfinite(misfit))
+    near = np.flatnonzero((np.abs(offset) <= REACH) & np.isfinite(misfit))
     if evidence.max() < EVIDENCE:
         is_still = len(near) > 0 and max(misfit[near].max(), spread[near].max()) < 10 * FLOOR**2
         return (0.0, "") if is_still else (None, "it and {} see too little motion in common")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.kernels import kernel
+from tossid.vision.pose_graph.corner_projection import HUBER, project_tag
 from tossid.vision.setup.hinge import Hinge, Hinges
 from tossid.vision.setup.layout import SQUARE, Coordinate, Distance
 
@@ -99,7 +100,7 @@ class _Tags(NamedTuple):
     limit: Array
 
 
-def view_factor(view: View, fixed: dict[int, Array], noise: Noise, *, huber: float) -> gtsam.CustomFactor:
+def view_factor(view: View, fixed: dict[int, Array], noise: Noise) -> gtsam.CustomFactor:
     """Whitened reprojection errors of a view's corners, as a factor of every pose between camera and tag that varies.
 
     x_cam = T_rig_cam⁻¹ · (T_world_rig M_rig(δ))⁻¹ · T_world_body M_body(δ) · T_body_tag · x_tag, where M(δ) is the
@@ -112,7 +113,6 @@ def view_factor(view: View, fixed: dict[int, Array], noise: Noise, *, huber: flo
         view: What was seen.
         fixed: Poses (4, 4) that are no variables, by key.
         noise: Of the corners; read in each evaluation.
-        huber: Whitened residual of a corner beyond which the loss is linear.
     """
     tags = list(dict.fromkeys(view.tags))
     chain = [view.camera, view.rig, view.body, *tags]
@@ -123,7 +123,7 @@ def view_factor(view: View, fixed: dict[int, Array], noise: Noise, *, huber: flo
     poses = np.stack([fixed.get(key, np.eye(4)) for key in chain])
     rows = 8 * len(view.tags)
     edge_growth = np.zeros_like(view.seen) if view.edge_growth is None else view.edge_growth
-    seen = _Tags(tag_slot, view.half, view.seen, view.whiten, edge_growth, huber * np.sqrt(view.count))
+    seen = _Tags(tag_slot, view.half, view.seen, view.whiten, edge_growth, HUBER * np.sqrt(view.count))
     joints, hinges = [key for key, _ in view.joints], Hinges.of([hinge for _, hinge in view.joints])
     first_joint = len(free) + (view.clock is not None)
     printed = [(tags.index(tag), key) for tag, (_, key) in view.prints.items() if key is not None]
@@ -162,19 +162,6 @@ def view_factor(view: View, fixed: dict[int, Array], noise: Noise, *, huber: flo
 
 
 @kernel
-def _apply(T: Array, x: Array, out: Array) -> None:
-    for i in range(3):
-        out[i] = T[i, 0] * x[0] + T[i, 1] * x[1] + T[i, 2] * x[2] + T[i, 3]
-
-
-@kernel
-def _apply_inv(T: Array, x: Array, out: Array) -> None:
-    a, b, c = x[0] - T[0, 3], x[1] - T[1, 3], x[2] - T[2, 3]
-    for i in range(3):
-        out[i] = T[0, i] * a + T[1, i] * b + T[2, i] * c
-
-
-@kernel
 def _motion(twist: Array, delay: float) -> Array:
     """M(δ) = (exp(ω δ), v δ), as `resect.retract` has it."""
     T = np.eye(4)
@@ -191,25 +178,39 @@ def _motion(twist: Array, delay: float) -> Array:
 
 
 @kernel
-def _turn(A: Array, T: Array, back: bool, out: Array) -> None:
-    """A R, or A Rᵀ, of T's rotation. (2, 3)."""
-    for i in range(2):
+def _inverse(T: Array) -> Array:
+    """The inverse of a rigid transform."""
+    out = np.eye(4)
+    for i in range(3):
         for j in range(3):
-            total = 0.0
-            for k in range(3):
-                total += A[i, k] * (T[j, k] if back else T[k, j])
-            out[i, j] = total
+            out[i, j] = T[j, i]
+            out[i, 3] -= T[j, i] * T[j, 3]
+    return out
 
 
 @kernel
-def _add_skewed(out: Array, A: Array, x: Array, sign: float) -> None:
-    """out = sign · A · [-x^ | 1] for A (2, 3): the derivative by a tangent (rotation, translation). (2, 6)."""
-    for i in range(2):
-        out[i, 0] = sign * (A[i, 2] * x[1] - A[i, 1] * x[2])
-        out[i, 1] = sign * (A[i, 0] * x[2] - A[i, 2] * x[0])
-        out[i, 2] = sign * (A[i, 1] * x[0] - A[i, 0] * x[1])
+def _carry(J: Array, X: Array, sign: float, out: Array) -> None:
+    """out = sign · J Ad(X⁻¹): a derivative (n, 6) by a tangent, carried back over X to the tangent before it.
+
+    T exp(ξ) X = T X exp(Ad(X⁻¹) ξ), with Ad(X⁻¹) = [Rᵀ, 0; -Rᵀ p^, Rᵀ] of X = (R, p).
+    """
+    for i in range(len(J)):
         for j in range(3):
-            out[i, 3 + j] = sign * A[i, j]
+            out[i, j] = sign * (J[i, 0] * X[j, 0] + J[i, 1] * X[j, 1] + J[i, 2] * X[j, 2])
+            out[i, 3 + j] = sign * (J[i, 3] * X[j, 0] + J[i, 4] * X[j, 1] + J[i, 5] * X[j, 2])
+        a, b, c = out[i, 3], out[i, 4], out[i, 5]
+        out[i, 0] += X[1, 3] * c - X[2, 3] * b
+        out[i, 1] += X[2, 3] * a - X[0, 3] * c
+        out[i, 2] += X[0, 3] * b - X[1, 3] * a
+
+
+@kernel
+def _rate(T: Array, twist: Array) -> Array:
+    """Tangent of M(δ) by δ: (ω, Rᵀ v)."""
+    out = twist.copy()
+    for i in range(3):
+        out[3 + i] = T[0, i] * twist[3] + T[1, i] * twist[4] + T[2, i] * twist[5]
+    return out
 
 
 @kernel
@@ -226,74 +227,56 @@ def _reproject(
     """Robust whitened residuals (8 m,), and their derivatives (chain + 1 + tags, 8 m, 6).
 
     The derivatives are by the tangent of each pose of the chain, by the frame's delay, and by the print of each tag.
+    All of them are the derivative by T_cam_tag's own tangent, carried back along the chain.
     """
-    tag_slot, half, seen, whiten, edge_growth, limit = tags
-    m, n = len(tag_slot), len(poses)
-    r = np.zeros(8 * m)
-    J = np.zeros((n + 1 + len(prints), 8 * m, 6))
-    x, g, flat = np.empty(3), np.empty(8), np.zeros(3)
-    y3, y3_late, y2, y1_step, y1, y0 = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    T_rig_cam, T_world_rig, T_world_body = poses[0], poses[1], poses[2]
-    E, F = _motion(body_twist, delay), _motion(rig_twist, delay)
-    A0, A1, A2, A3, A4 = np.empty((2, 3)), np.empty((2, 3)), np.empty((2, 3)), np.empty((2, 3)), np.empty((2, 3))
-    block = np.empty((2, 6))
+    m, n = len(tags.tag_slot), len(poses)
+    r, J = np.zeros(8 * m), np.zeros((n + 1 + len(prints), 8 * m, 6))
+    x, flat, J_corner = np.empty((4, 3)), np.empty((4, 2)), np.empty((4, 2, 6))
+    g, J_tag, part = np.empty(8), np.empty((8, 6)), np.empty((8, 6))
+    M_body, M_rig = _motion(body_twist, delay), _motion(rig_twist, delay)
+    T_cam_rig, M_back, T_rig_body = _inverse(poses[0]), _inverse(M_rig), _inverse(poses[1]) @ poses[2]
+    body_rate, rig_rate = _rate(M_body, body_twist), _rate(M_rig, rig_twist)
     for d in range(m):
-        T_body_tag = poses[3 + tag_slot[d]]
-        p = prints[tag_slot[d]] if len(prints) else flat
+        slot, half = tags.tag_slot[d], tags.half[d]
+        p = prints[slot] if len(prints) else np.zeros(3)
         for c in range(4):
-            sx, sy = SQUARE[c, 0] * half[d], SQUARE[c, 1] * half[d]
-            x[0], x[1], x[2] = (1 + p[0]) * sx, (1 + p[1]) * sy, p[2] * SQUARE[c, 0] * sy
-            _apply(T_body_tag, x, y3)
-            _apply(E, y3, y3_late)
-            _apply(T_world_body, y3_late, y2)
-            _apply_inv(T_world_rig, y2, y1_step)
-            _apply_inv(F, y1_step, y1)
-            _apply_inv(T_rig_cam, y1, y0)
-            row = 8 * d + 2 * c
-            if y0[2] < 1e-6:  # behind the lens: a large constant error
-                r[row] = 1e5
-                g[2 * c], g[2 * c + 1] = 0.0, 0.0
-                continue
-            W = whiten[d, c] / scale
-            iz = 1.0 / y0[2]
-            u, v = y0[0] * iz, y0[1] * iz
-            e0, e1 = u - seen[d, c, 0], v - seen[d, c, 1]
-            for i in range(2):
-                r[row + i] = W[i, 0] * e0 + W[i, 1] * e1
-                g[2 * c + i] = scale * (W[i, 0] * edge_growth[d, c, 0] + W[i, 1] * edge_growth[d, c, 1])
-                A0[i, 0], A0[i, 1] = W[i, 0] * iz, W[i, 1] * iz
-                A0[i, 2] = -(W[i, 0] * u + W[i, 1] * v) * iz
-            _turn(A0, T_rig_cam, True, A1)
-            _turn(A1, F, True, A2)
-            _turn(A2, T_world_rig, True, A3)
-            _turn(A3, T_world_body, False, A4)
-            _add_skewed(block, A0, y0, -1.0)
-            J[0, row : row + 2] = block
-            _add_skewed(block, A2, y1_step, -1.0)
-            J[1, row : row + 2] += block
-            _add_skewed(block, A4, y3_late, 1.0)
-            J[2, row : row + 2] += block
-            # by the delay: the body moves, and the rig under the cameras
-            _add_skewed(block, A4, y3_late - delay * body_twist[3:], 1.0)
-            for i in range(2):
-                J[n, row + i, 0] = np.dot(block[i], body_twist)
-            _add_skewed(block, A1, y1, -1.0)
-            for i in range(2):
-                J[n, row + i, 0] += np.dot(block[i, :3], rig_twist[:3]) - np.dot(A2[i], rig_twist[3:])
-            _turn(A4, E, False, A3)
-            _turn(A3, T_body_tag, False, A2)
-            _add_skewed(block, A2, x, 1.0)
-            J[3 + tag_slot[d], row : row + 2] = block
-            if not len(prints):
-                continue
-            for i in range(2):
-                J[n + 1 + tag_slot[d], row + i, 0] = A2[i, 0] * sx
-                J[n + 1 + tag_slot[d], row + i, 1] = A2[i, 1] * sy
-                J[n + 1 + tag_slot[d], row + i, 2] = A2[i, 2] * SQUARE[c, 0] * sy
+            sx, sy = SQUARE[c, 0] * half, SQUARE[c, 1] * half
+            x[c, 0], x[c, 1], x[c, 2] = (1 + p[0]) * sx, (1 + p[1]) * sy, p[2] * SQUARE[c, 0] * sy
+        T_body_tag = poses[3 + slot]
+        T_late_tag = M_body @ T_body_tag
+        T_rig_tag = T_rig_body @ T_late_tag
+        T_late_rig_tag = M_back @ T_rig_tag
+        T_cam_tag = T_cam_rig @ T_late_rig_tag
+        project_tag(T_cam_tag, x, flat, J_corner)
         own = slice(8 * d, 8 * d + 8)
+        for c in range(4):
+            W = tags.whiten[d, c] / scale
+            e = flat[c] - tags.seen[d, c]
+            for i in range(2):
+                row = 2 * c + i
+                r[8 * d + row] = W[i, 0] * e[0] + W[i, 1] * e[1]
+                g[row] = scale * (W[i, 0] * tags.edge_growth[d, c, 0] + W[i, 1] * tags.edge_growth[d, c, 1])
+                for k in range(6):
+                    J_tag[row, k] = W[i, 0] * J_corner[c, 0, k] + W[i, 1] * J_corner[c, 1, k]
+                if np.isnan(e[0]):  # behind the lens: a large constant error
+                    r[8 * d + row], g[row] = 1e5, 0.0
+                if len(prints):
+                    J[n + 1 + slot, 8 * d + row, 0] = J_tag[row, 3] * SQUARE[c, 0] * half
+                    J[n + 1 + slot, 8 * d + row, 1] = J_tag[row, 4] * SQUARE[c, 1] * half
+                    J[n + 1 + slot, 8 * d + row, 2] = J_tag[row, 5] * SQUARE[c, 0] * SQUARE[c, 1] * half
+        _carry(J_tag, T_cam_tag, -1.0, J[0, own])
+        _carry(J_tag, T_rig_tag, -1.0, J[1, own])
+        _carry(J_tag, T_late_tag, 1.0, J[2, own])
+        J[3 + slot, own] = J_tag
+        _carry(J_tag, T_body_tag, 1.0, part)  # by M_body, which moves with the delay
+        for i in range(8):
+            J[n, 8 * d + i, 0] = np.dot(part[i], body_rate)
+        _carry(J_tag, T_late_rig_tag, -1.0, part)  # by M_rig, likewise
+        for i in range(8):
+            J[n, 8 * d + i, 0] += np.dot(part[i], rig_rate)
         if spread_sigma > 0:
             _whiten_spread(r[own], J[:, own], g, spread_sigma)
-        _huber(r[own], J[:, own], limit[d])
+        _huber(r[own], J[:, own], tags.limit[d])
     return r, J
 
 

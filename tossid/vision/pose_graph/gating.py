@@ -11,14 +11,23 @@ from numpy.typing import NDArray
 from tossid.rotations import geodesic_angle, matrix_to_quat, quat_continuous, transform_inv
 from tossid.settings.tracking import TrackSettings
 from tossid.types import PoseTrack
-from tossid.vision.pose_graph.initial import is_known
 from tossid.vision.pose_graph.reprojection import ReprojectionErrors
 from tossid.vision.pose_graph.scene import Scene
-from tossid.vision.pose_graph.solution import Solution
+from tossid.vision.pose_graph.state import Solution, is_known
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+
+# limits that bend with what a recording can give, beside the fixed ones of `TrackSettings`
+RMS_SIGMAS = 6.0
+"""A time step's rms reprojection passes within so many standard deviations of its corners."""
+SIGMA_MEDIANS = 50.0
+"""A pose's standard deviation passes within so many times the track's median."""
+JUMP_ANGLE, JUMP_DISTANCE = np.deg2rad(10.0), 0.02
+"""Turn [rad] and distance [m] between two poses that are no jump, whatever the time between them."""
+SHORTEST_RUN = 5
+"""Poses between two jumps that are left out if they are fewer."""
 
 
 class Gate:
@@ -97,7 +106,7 @@ def gate_steps(
         b: Number of the body.
         settings: The limits.
     """
-    n, limits = len(scene.t), settings.gating
+    n = len(scene.t)
     T, cov = solution.state.world[b][:n], solution.world_cov[b][:n]
     gate = Gate(seen)
     gate.reject(seen & ~is_known(T), "ambiguous")
@@ -106,19 +115,19 @@ def gate_steps(
         rms = np.sqrt(np.bincount(scene.step[rows], errors.pixels[rows] ** 2, minlength=n) / count)
         expected = np.sqrt(np.bincount(scene.step[rows], errors.expected_pixels[rows] ** 2, minlength=n) / count)
     gate.reject(seen & ((count == 0) | ~np.isfinite(cov[:, 0, 0])), "no pose fits")
-    gate.reject(seen & ~(rms < np.maximum(settings.max_rms, limits.rms_sigmas * expected)), "reprojection")
+    gate.reject(seen & ~(rms < np.maximum(settings.max_rms, RMS_SIGMAS * expected)), "reprojection")
     safe = np.where(np.isfinite(cov), cov, 0.0)
     for part, limit in ((slice(3, 6), settings.max_sigma), (slice(0, 3), settings.max_angle_sigma)):
         sigma = np.sqrt(np.maximum(np.linalg.eigvalsh(safe[:, part, part])[:, -1], 0.0))
         typical = float(np.median(sigma[gate.accepted])) if gate.accepted.any() else 0.0
-        gate.reject(seen & (sigma > max(limit, limits.sigma_medians * typical)), "too uncertain")
+        gate.reject(seen & (sigma > max(limit, SIGMA_MEDIANS * typical)), "too uncertain")
     gate.reject(_jumps(scene.t, T, gate.accepted, settings), "jump")
     return gate
 
 
 def _jumps(t: Array, T: Array, accepted: Bools, settings: TrackSettings) -> Bools:
     """Steps in short runs that are too far from their neighbours in time on both sides."""
-    index, limits = np.flatnonzero(accepted), settings.gating
+    index = np.flatnonzero(accepted)
     bad = np.zeros(len(t), dtype=bool)
     if len(index) < 3:
         return bad
@@ -126,13 +135,13 @@ def _jumps(t: Array, T: Array, accepted: Bools, settings: TrackSettings) -> Bool
     quat = matrix_to_quat(T[index, :3, :3])
     turn = geodesic_angle(quat[1:], quat[:-1])
     distance = np.linalg.norm(np.diff(T[index, :3, 3], axis=0), axis=1)
-    broken = turn > limits.jump_angle + settings.max_spin * dt
-    broken |= distance > limits.jump_distance + settings.max_speed * dt
+    broken = turn > JUMP_ANGLE + settings.max_spin * dt
+    broken |= distance > JUMP_DISTANCE + settings.max_speed * dt
     # a short run between two breaks is wrong, not its longer neighbours
     edges = np.concatenate([[0], np.flatnonzero(broken) + 1, [len(index)]])
     longest = np.diff(edges).max()
     for a, b in itertools.pairwise(edges):
-        if b - a < min(limits.shortest_run, longest):
+        if b - a < min(SHORTEST_RUN, longest):
             bad[index[a:b]] = True
     return bad
 

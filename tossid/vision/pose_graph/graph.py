@@ -9,34 +9,43 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.settings.tracking import TrackSettings
 from tossid.vision.pose_graph.factors import IDEAL_TAGS, TagModel
-from tossid.vision.pose_graph.graph_builder import Problem, build
-from tossid.vision.pose_graph.initial import State
-from tossid.vision.pose_graph.kinematic_chains import update_descendants
-from tossid.vision.pose_graph.priors import (
+from tossid.vision.pose_graph.graph_builder import Problem, build, hinges_of
+from tossid.vision.pose_graph.least_squares import Marginals, marginals_of, optimise
+from tossid.vision.pose_graph.scene import Scene
+from tossid.vision.pose_graph.state import (
     Prior,
+    Solution,
+    State,
+    TimingModel,
     body_key,
     calibrates,
     camera_key,
     clock_key,
+    joint_key,
     print_key,
     priors,
     tag_key,
+    unsolved,
 )
-from tossid.vision.pose_graph.scene import Scene
-from tossid.vision.pose_graph.solution import Solution, TimingModel, unsolved
-from tossid.vision.pose_graph.solver.optimise import marginals_of, optimise
-from tossid.vision.setup.layout import descendants
+from tossid.vision.setup.hinge import Hinges
+from tossid.vision.setup.layout import chain, descendants
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 DEFAULT = TrackSettings()
+INDEPENDENT_WINDOW = 60
+"""Time steps that are optimised together where steps share no unknown; the slowest of them sets how often all of them
+are linearised."""
+SAMPLED_STEPS = 20
+"""Of a recording longer than a window, so many time steps of each tag and camera, at least, calibrate these."""
 
 
 def solve(
@@ -79,8 +88,7 @@ def solve(
     steps = np.unique(scene.step[used]) if steps is None else steps
     solution = unsolved(state, timing.clock)
     together = calibrates(scene, known) or timing.free.any()
-    window = settings.graph.window
-    window = window if together else min(window, settings.graph.independent_window)
+    window = settings.stream.window if together else min(settings.stream.window, INDEPENDENT_WINDOW)
     if len(steps) <= window:
         _batch(problem, solution, steps, statics=True)
         return solution
@@ -117,7 +125,7 @@ def _spread(problem: Problem, steps: Ints, window: int) -> Ints:
     for index in (scene.tag, scene.camera):
         for i in np.unique(index[used]):
             own = np.unique(scene.step[used & (index == i)])
-            count = min(problem.settings.graph.sampled_steps, len(own))
+            count = min(SAMPLED_STEPS, len(own))
             chosen.append(own[np.linspace(0, len(own) - 1, count).astype(np.int64)])
     return np.unique(np.concatenate(chosen))
 
@@ -139,14 +147,13 @@ def _batch(problem: Problem, solution: Solution, steps: Ints, *, statics: bool) 
     """Optimise some steps together, into the solution; `statics`: with prints and measured lengths."""
     scene, state = problem.scene, solution.state
     built = build(problem, state, problem.used & np.isin(scene.step, steps), statics=statics)
-    graph_settings = problem.settings.graph
-    values = built.values if problem.solved else optimise(built.graph, built.values, settings=graph_settings)
+    values = built.values if problem.solved else optimise(built.graph, built.values)
     built.noise.scale = problem.scale
     slots, marginals = _statics(scene, solution), None
     if problem.covariances and values.size():
         shared = {slot[0] for slot in slots} | {print_key(i) for i in range(len(scene.tags))}
         shared |= {clock_key(c) for c in range(len(scene.cameras))}
-        marginals = marginals_of(built.graph, values, shared, settings=graph_settings)
+        marginals = marginals_of(built.graph, values, shared)
     for b, body in enumerate(scene.bodies):
         for step in () if body.is_static or body.hinge is not None else steps:
             slots.append((body_key(b, int(step)), state.world[b], solution.world_cov[b], int(step)))
@@ -159,7 +166,7 @@ def _batch(problem: Problem, solution: Solution, steps: Ints, *, statics: bool) 
                 covs[at] = marginals.joint([key])
     for root in range(len(scene.bodies)):
         if descendants(scene.bodies, root):
-            update_descendants(scene, solution, root, steps, values, marginals)
+            _update_descendants(scene, solution, root, steps, values, marginals)
     for i in range(len(scene.tags)):
         if values.exists(print_key(i)):
             state.prints[i] = values.atPoint3(print_key(i))
@@ -168,3 +175,44 @@ def _batch(problem: Problem, solution: Solution, steps: Ints, *, statics: bool) 
             solution.clock[c] = values.atDouble(clock_key(c))
             if marginals is not None:
                 solution.clock_sigma[c] = float(np.sqrt(marginals.joint([clock_key(c)])[0, 0]))
+
+
+def _update_descendants(
+    scene: Scene, solution: Solution, root: int, steps: Ints, values: gtsam.Values, marginals: Marginals | None
+) -> None:
+    """Put into the solution the poses and covariances of all bodies that hang on one.
+
+    Args:
+        scene: The set-up.
+        solution: Changed.
+        root: Number of the body that the others hang on.
+        steps: Time steps that were optimised, (k,).
+        values: Optimised values.
+        marginals: Their covariances; None to leave covariances out.
+    """
+    links = descendants(scene.bodies, root)
+    n, m = len(solution.state.world[root]), len(links)
+    tree = solution.tree_cov.setdefault(root, np.full((n, 6 + m, 6 + m), np.nan))
+    for step in map(int, steps):
+        at = {b: i for i, b in enumerate(links) if values.exists(joint_key(b, step))}
+        if not at or not values.exists(body_key(root, step)):
+            continue
+        if marginals is not None:
+            tree[step] = _tree_cov(marginals, body_key(root, step), {joint_key(b, step): i for b, i in at.items()}, m)
+        for b in at:
+            way = chain(scene.bodies, b)[1]
+            if not all(link in at for link in way):
+                continue
+            angles = [values.atDouble(joint_key(link, step)) for link in way]
+            T, J = Hinges.of(hinges_of(scene, way)).swing(values.atPose3(body_key(root, step)).matrix(), angles)
+            solution.state.world[b][step] = T
+            index = [*range(6), *(6 + at[link] for link in way)]
+            solution.world_cov[b][step] = J @ tree[step][np.ix_(index, index)] @ J.T
+
+
+def _tree_cov(marginals: Marginals, root: int, joints: dict[int, int], m: int) -> Array:
+    """(6 + m, 6 + m) of a root's tangent and m angles, NaN of angles that the graph does not have."""
+    at = [*range(6), *(6 + i for i in joints.values())]
+    cov = np.full((6 + m, 6 + m), np.nan)
+    cov[np.ix_(at, at)] = marginals.joint([root, *joints])
+    return cov

@@ -17,16 +17,31 @@ from numpy.typing import NDArray
 from tossid.rotations import transform_inv
 from tossid.settings.tracking import TrackSettings
 from tossid.vision.pose_graph.factors import Noise, TagModel, View, measurement_factor, view_factor
-from tossid.vision.pose_graph.initial import State, is_known
-from tossid.vision.pose_graph.kinematic_chains import hinges_of
-from tossid.vision.pose_graph.priors import STEPS, Prior, body_key, camera_key, clock_key, joint_key, print_key, tag_key
 from tossid.vision.pose_graph.scene import Scene
-from tossid.vision.pose_graph.solution import TimingModel
+from tossid.vision.pose_graph.state import (
+    STEPS,
+    Prior,
+    State,
+    TimingModel,
+    body_key,
+    camera_key,
+    clock_key,
+    is_known,
+    joint_key,
+    print_key,
+    tag_key,
+)
+from tossid.vision.setup.hinge import Hinge
 from tossid.vision.setup.layout import Distance, chain
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+
+CLOCK_SIGMA = 0.002
+"""Standard deviation of a clock's offset before the graph, about what `clocks` finds it to [s]."""
+PRINT_SIGMA = 0.01
+"""Prior standard deviation by which a print is wider, higher, or twisted out of its plane, in shares of its size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +94,6 @@ def build(problem: Problem, state: State, rows: Bools, *, statics: bool) -> Buil
     built, half = BuiltGraph(), scene.half
     built.noise.spread_sigma = problem.tag_model.spread_sigma
     free = problem.tag_model.prints if statics else frozenset()
-    print_sigma = problem.settings.tag_model.print_sigma
     chains = [chain(scene.bodies, b) for b in range(len(scene.bodies))]
     index = _placed(scene, state, np.flatnonzero(rows), chains)
     for group in _views(scene, index):
@@ -110,7 +124,7 @@ def build(problem: Problem, state: State, rows: Bools, *, statics: bool) -> Buil
             float(scene.delay[first]) - (0.0 if timing.free[c] else float(timing.clock[c])),
             _twist(timing, rig, step),
             _twist(timing, body, step),
-            _clock(built, c, timing, problem.settings.graph.clock_sigma) if timing.free[c] else None,
+            _clock(built, c, timing) if timing.free[c] else None,
             tuple(
                 (_joint(built, scene, state, b, step), hinge)
                 for b, hinge in zip(links, hinges_of(scene, links), strict=True)
@@ -119,14 +133,14 @@ def build(problem: Problem, state: State, rows: Bools, *, statics: bool) -> Buil
             {
                 tag_key(int(i)): (
                     state.prints[i],
-                    _print(built, int(i), state.prints[i], print_sigma) if i in free else None,
+                    _print(built, int(i), state.prints[i]) if i in free else None,
                 )
                 for i in scene.tag[group]
                 if i in free or state.prints[i].any()
             },
         )
         if view.joints or free or any(key not in built.fixed for key in (*keys, *tags)):
-            built.graph.add(view_factor(view, built.fixed, built.noise, huber=problem.settings.resection.huber))
+            built.graph.add(view_factor(view, built.fixed, built.noise))
     for key, prior in known.items():
         if built.values.exists(key) and prior.cov is not None:
             noise = gtsam.noiseModel.Gaussian.Covariance(0.5 * (prior.cov + prior.cov.T))
@@ -190,12 +204,12 @@ def _twist(timing: TimingModel, b: int, step: int) -> Array:
     return np.asarray(twist[step if len(twist) > 1 else 0])
 
 
-def _print(built: BuiltGraph, i: int, first: Array, sigma: float) -> int:
+def _print(built: BuiltGraph, i: int, first: Array) -> int:
     """The key of a tag's print, a variable with a prior."""
     key = print_key(i)
     if not built.values.exists(key):
         built.values.insert(key, first)
-        noise = gtsam.noiseModel.Isotropic.Sigma(3, sigma)
+        noise = gtsam.noiseModel.Isotropic.Sigma(3, PRINT_SIGMA)
         built.graph.add(gtsam.PriorFactorPoint3(key, np.zeros(3), noise))
     return key
 
@@ -211,12 +225,12 @@ def _joint(built: BuiltGraph, scene: Scene, state: State, b: int, step: int) -> 
     return key
 
 
-def _clock(built: BuiltGraph, c: int, timing: TimingModel, sigma: float) -> int:
+def _clock(built: BuiltGraph, c: int, timing: TimingModel) -> int:
     key = clock_key(c)
     if not built.values.exists(key):
         built.values.insert(key, float(timing.clock[c]))
         # the prior determines the clock of a camera that never shares a step with others
-        noise = gtsam.noiseModel.Isotropic.Sigma(1, sigma)
+        noise = gtsam.noiseModel.Isotropic.Sigma(1, CLOCK_SIGMA)
         built.graph.add(gtsam.PriorFactorDouble(key, float(timing.clock[c]), noise))
     return key
 
@@ -250,3 +264,8 @@ def _add_measurements(built: BuiltGraph, scene: Scene, state: State, known: dict
         if any(key not in built.fixed for pair in keys for key in pair):
             half = [0.5 * scene.tags[i].size for i in at]
             built.graph.add(measurement_factor(measurement, keys, half, built.fixed))
+
+
+def hinges_of(scene: Scene, links: list[int]) -> list[Hinge]:
+    """The hinges of some bodies."""
+    return [hinge for hinge in (scene.bodies[b].hinge for b in links) if hinge is not None]

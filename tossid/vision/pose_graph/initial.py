@@ -8,90 +8,30 @@ the time step, all sightings of the tag or camera, or the neighbours in time dec
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
 from tossid.rotations import geodesic_angle, matrix_to_quat, transform_inv
 from tossid.settings.tracking import TrackSettings
-from tossid.vision.pose_graph.resect import Resection, Sightings, resect
+from tossid.vision.pose_graph.resect import DISTINCT_ANGLE, Resection, Sightings, resect
 from tossid.vision.pose_graph.scene import Scene
+from tossid.vision.pose_graph.state import State, given, is_known
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 DEFAULT = TrackSettings()
-
-
-@dataclass(eq=False)
-class State:
-    """Poses of a scene; NaN where unknown.
-
-    Attributes:
-        camera: T_rig_cam, (cameras, 4, 4).
-        tag: T_body_tag, (tags, 4, 4).
-        world: For each body T_world_body, (n, 4, 4) by time step if it moves, else (1, 4, 4).
-        prints: By what shares each tag is wider, higher, and twisted out of its plane, (tags, 3).
-        gauge: Tags that define the frame of a body none of whose tags is known.
-    """
-
-    camera: Array
-    tag: Array
-    world: list[Array]
-    prints: Array
-    gauge: list[int] = field(default_factory=list)
-
-    def at(self, body: Ints, step: Ints) -> Array:
-        """T_world_body of each row's body in its step, (d, 4, 4).
-
-        Args:
-            body: Number of the body, (d,).
-            step: Time step, (d,).
-        """
-        out = np.full((len(body), 4, 4), np.nan)
-        for b, T in enumerate(self.world):
-            own = body == b
-            out[own] = T[step[own] if len(T) > 1 else np.zeros(own.sum(), dtype=np.int64)]
-        return out
-
-    def copy(self) -> State:
-        """A copy that can be changed."""
-        return State(
-            self.camera.copy(), self.tag.copy(), [T.copy() for T in self.world], self.prints.copy(), list(self.gauge)
-        )
-
-
-def is_known(T: Array) -> Bools:
-    """Which poses are known, (*b, 4, 4) to (*b,)."""
-    return np.asarray(np.isfinite(T[..., 0, 0]))
-
-
-def given(scene: Scene) -> State:
-    """The poses that the set-up gives."""
-    unknown = np.full((4, 4), np.nan)
-
-    def stack(poses: Sequence[Array | None]) -> Array:
-        return np.array([unknown if T is None else T for T in poses]).reshape(-1, 4, 4)
-
-    world = []
-    for body in scene.bodies:
-        T = unknown if body.T_map_body is None else body.T_map_body
-        # at least two rows, so that a moving body differs from a static one
-        world.append(T[None].copy() if body.is_static else np.full((max(len(scene.t), 2), 4, 4), np.nan))
-    cameras, tags = stack([c.T_rig_cam for c in scene.cameras]), stack([t.T_body_tag for t in scene.tags])
-    return State(cameras, tags, world, np.zeros((len(tags), 3)))
+COST_RATIO = 3.0
+"""Least ratio of two poses' squared residuals for the images alone to decide: errors that all sightings of a tag share
+(of a lens model, of a print) add to both."""
+LAST_RESORT = 2.0
+"""Difference of squared residuals over the noise that decides where nothing else does."""
 
 
 def initialise(scene: Scene, *, settings: TrackSettings = DEFAULT) -> State:
     """First poses of all that can be placed.
-
-    Args:
-        scene: The sightings and the set-up.
-        settings: When one of two poses is chosen.
 
     Raises:
         InputError: No camera can be placed.
@@ -152,7 +92,7 @@ def place(
             if not own.any():
                 continue
             slots, group = np.unique(slot[rows[own]], return_inverse=True)
-            found = _resect(scene, rows[own], A[own], B[own], group, len(slots), settings)
+            found = _resect(scene, rows[own], A[own], B[own], group, len(slots))
             if seen and not body.is_static:
                 found = _with_hinges(scene, state, b, slots, found)
             chosen, sure = choose(
@@ -198,14 +138,14 @@ def _along(rows: Bools, values: Array) -> Bools:
     return rows.reshape(-1, *(1,) * (values.ndim - 1))
 
 
-def _resect(scene: Scene, rows: Ints, A: Array, B: Array, group: Ints, n: int, settings: TrackSettings) -> Resection:
+def _resect(scene: Scene, rows: Ints, A: Array, B: Array, group: Ints, n: int) -> Resection:
     order = np.argsort(group, kind="stable")
     rows = rows[order]
     whiten = scene.whiten[rows] / np.sqrt(scene.count[rows])[:, None, None, None]
     sightings = Sightings(
         group[order], A[order], B[order], scene.half[rows], scene.seen[rows], whiten, scene.T_cam_tag[rows]
     )
-    return resect(sightings, n, settings=settings.resection)
+    return resect(sightings, n)
 
 
 def _statics(scene: Scene, state: State, settings: TrackSettings, *, last_resort: bool) -> int:
@@ -234,7 +174,7 @@ def _statics(scene: Scene, state: State, settings: TrackSettings, *, last_resort
         else:
             A, B = eye, T_rig_body[rows] @ state.tag[scene.tag[rows]]
         which, group = np.unique(index[rows], return_inverse=True)
-        found = _resect(scene, rows, A, B, group, len(which), settings)
+        found = _resect(scene, rows, A, B, group, len(which))
         chosen, sure = choose(found, None, settings, last_resort=last_resort)
         new = sure & ~is_known(poses[which])
         if new.sum() > 1 and (last_resort or what == "camera"):
@@ -274,7 +214,7 @@ def choose(
     """
     noise2 = noise_scale(found) ** 2
     gain = found.gain / noise2
-    clear = (gain > settings.evidence) & (found.other_cost > settings.first_poses.cost_ratio * found.cost)
+    clear = (gain > settings.evidence) & (found.other_cost > COST_RATIO * found.cost)
     sure = found.known & (clear | ~found.ambiguous)
     T = found.T.copy()
     if t is not None:
@@ -290,22 +230,18 @@ def choose(
                     continue
                 angles = geodesic_angle(np.stack([quat[i], other[i]]), quat[last])
                 near, far = int(np.argmin(angles)), int(np.argmax(angles))
-                allowed = 0.5 * settings.resection.distinct_angle + settings.max_spin * abs(t[i] - t[last])
+                allowed = 0.5 * DISTINCT_ANGLE + settings.max_spin * abs(t[i] - t[last])
                 if angles[near] < allowed and angles[far] > (1.2 if last_resort else 2.0) * angles[near]:
                     sure[i], last = True, i
                     if near == 1:
                         T[i], quat[i] = found.other[i], other[i]
     if last_resort:
-        sure |= found.known & (gain > settings.first_poses.last_resort)
+        sure |= found.known & (gain > LAST_RESORT)
     return T, sure
 
 
 def noise_scale(found: Resection) -> float:
-    """Noise of residuals over the corners' own: the root of the median over groups of χ² by its degrees of freedom.
-
-    Args:
-        found: Fits of all groups.
-    """
+    """Noise of residuals over the corners' own: the root of the median over groups of χ² by its degrees of freedom."""
     freedom = 8.0 * found.count - 6
     enough = found.known
     if enough.sum() < 5:

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from tossid.rotations import geodesic_angle, matrix_to_quat
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.pose_graph.initial import State, is_known
 from tossid.vision.pose_graph.reprojection import ReprojectionErrors
 from tossid.vision.pose_graph.robust import SolvedScene
 from tossid.vision.pose_graph.scene import Scene
 from tossid.vision.pose_graph.setup_checks import Suspect
-from tossid.vision.pose_graph.solution import Solution
+from tossid.vision.pose_graph.state import Solution, State, is_known
 from tossid.vision.setup.layout import TagLayout
 
 Array = NDArray[np.float64]
@@ -243,13 +242,7 @@ def _is_unplaced(scene: Scene, state: State, b: int) -> bool:
 
 
 def calibrated(scene: Scene, solution: Solution, layout: TagLayout) -> tuple[tuple[Camera, ...], TagLayout]:
-    """Cameras and layout with the poses and uncertainties that the graph found.
-
-    Args:
-        scene: The set-up.
-        solution: What was found.
-        layout: As given.
-    """
+    """Cameras and layout with the poses and uncertainties that the graph found."""
     state = solution.state
 
     def sigmas(cov: Array) -> tuple[Array | None, Array | None]:

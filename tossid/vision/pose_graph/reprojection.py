@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.rotations import transform_inv, transform_points
-from tossid.vision.pose_graph.initial import State
+from tossid.rotations import transform_inv
+from tossid.vision.pose_graph.corner_projection import corner_errors
 from tossid.vision.pose_graph.resect import retract
 from tossid.vision.pose_graph.scene import Scene
-from tossid.vision.pose_graph.solution import TimingModel
+from tossid.vision.pose_graph.state import State, TimingModel
 from tossid.vision.setup.layout import SQUARE
 
 Array = NDArray[np.float64]
@@ -81,11 +81,8 @@ def reproject(
             retract(T, delay * _twists(timing, index, scene)) for T, index in ((T_world_rig, rig), (T_world_body, body))
         )
     T_cam_tag = transform_inv(state.camera[scene.camera]) @ transform_inv(T_world_rig) @ T_world_body
-    x = transform_points(
-        T_cam_tag @ state.tag[scene.tag], scene.half[:, None, None] * printed_corners(state.prints[scene.tag])
-    )
-    x = np.where(x[..., 2:] > 0, x, np.nan)
-    flat = x[..., :2] / x[..., 2:] - scene.seen
+    corners = scene.half[:, None, None] * printed_corners(state.prints[scene.tag])
+    flat = corner_errors(T_cam_tag @ state.tag[scene.tag], corners, scene.seen)
     whiten = scene.whiten / np.sqrt(scene.count)[:, None, None, None]
     growth = np.squeeze(whiten @ scene.edge_growth[..., None], -1)
     certainty2 = np.sum(growth**2, axis=(1, 2))

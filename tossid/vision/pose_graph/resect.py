@@ -25,18 +25,25 @@ from tossid.rotations import (
     matrix_to_quat,
     quat_exp,
     quat_to_matrix,
-    skew,
     transform_from_rotvec,
     transform_inv,
     transform_points,
 )
-from tossid.settings.tracking import ResectionSettings
-from tossid.vision.pose_graph.solver.corner_sums import contradictions, normal_equations, residual_sizes
+from tossid.vision.pose_graph.corner_projection import HUBER, contradictions, normal_equations, whitened_sizes
 from tossid.vision.setup.layout import SQUARE
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+
+ITERATIONS = 8
+"""Gauss-Newton steps of a fit, which starts at a candidate of a single tag."""
+DISTINCT_ANGLE = np.deg2rad(20.0)
+"""Angle above which two poses are two hypotheses, not one pose with an error [rad]."""
+PROPOSING_TAGS, JUDGING_SIGHTINGS = 24, 96
+"""Of one unknown pose, so many of the largest tags propose candidates, and so many sightings judge these."""
+FITS_AT_ONCE = 1000
+"""Unknown poses that are fitted together; bounds the memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,32 +148,6 @@ def tag_poses(seen: Array, half: Array) -> Array:
     return T
 
 
-def residuals(s: Sightings, T: Array, *, jacobian: bool = False) -> tuple[Array, Array | None]:
-    """Projected minus seen corners, normalised, under the pose of each sighting's row.
-
-    Args:
-        s: The sightings.
-        T: T_parent_target of each, (d, 4, 4).
-        jacobian: Whether to compute the derivative.
-
-    Returns:
-        Residuals (d, 4, 2), and with `jacobian` their derivative (d, 4, 2, 6) by the target's tangent, else None. NaN
-        behind the lens.
-    """
-    points = s.points
-    T_cam_target = s.T_cam_parent @ T
-    x = transform_points(T_cam_target, points)
-    z = np.where(x[..., 2] > 0, x[..., 2], np.nan)
-    flat = x[..., :2] / z[..., None]
-    if not jacobian:
-        return flat - s.seen, None
-    J_flat = np.zeros((*flat.shape, 3))
-    J_flat[..., 0, 0] = J_flat[..., 1, 1] = 1 / z
-    J_flat[..., 2] = -flat / z[..., None]
-    J_point = J_flat @ T_cam_target[:, None, :3, :3]
-    return flat - s.seen, np.concatenate([-J_point @ skew(points), J_point], axis=-1)
-
-
 def retract(T: Array, tangent: Array) -> Array:
     """T · (exp(θ^), v), the pose after a step in its own frame, (*b, 4, 4).
 
@@ -199,7 +180,7 @@ class Fit:
     ok: Bools
 
 
-def fit(s: Sightings, T: Array, *, settings: ResectionSettings) -> Fit:
+def fit(s: Sightings, T: Array) -> Fit:
     """The poses that minimise Huber's loss of each group's whitened corner residuals, by reweighted Gauss-Newton steps.
 
     In the first half of the steps the loss is linear only beyond twice a group's median residual, so that a poor start
@@ -208,9 +189,7 @@ def fit(s: Sightings, T: Array, *, settings: ResectionSettings) -> Fit:
     Args:
         s: The sightings; every group needs one.
         T: Start of each group, (g, 4, 4).
-        settings: Threshold of the loss, and number of steps.
     """
-    iterations, huber = settings.iterations, settings.huber
     T = T.copy()
     n = len(T)
     start = np.searchsorted(s.group, np.arange(n))
@@ -218,13 +197,13 @@ def fit(s: Sightings, T: Array, *, settings: ResectionSettings) -> Fit:
     T[~ok] = np.eye(4)
     information = np.zeros((n, 6, 6))
     seen = (s.points, np.ascontiguousarray(s.seen), np.ascontiguousarray(s.whiten))
-    T_cam_parent = np.ascontiguousarray(s.T_cam_parent)
-    for iteration in range(iterations + 1):
-        size = residual_sizes(s.group, T_cam_parent, T, *seen)
-        last = iteration >= iterations // 2
-        limit = np.full(n, huber) if last else np.maximum(huber, 2 * _median(size, start))
-        information, gradient = normal_equations(s.group, T_cam_parent, T, *seen, size, limit)
-        if iteration == iterations:
+    for iteration in range(ITERATIONS + 1):
+        T_cam_target = s.T_cam_parent @ T[s.group]
+        size = whitened_sizes(T_cam_target, *seen)
+        last = iteration >= ITERATIONS // 2
+        limit = np.full(n, HUBER) if last else np.maximum(HUBER, 2 * _median(size, start))
+        information, gradient = normal_equations(s.group, n, T_cam_target, *seen, size, limit)
+        if iteration == ITERATIONS:
             break
         spread = np.linalg.eigvalsh(information)
         ok &= spread[:, 0] > 1e-14 * spread[:, -1]
@@ -236,19 +215,14 @@ def fit(s: Sightings, T: Array, *, settings: ResectionSettings) -> Fit:
         reach = np.where(np.isfinite(reach), reach, 0.25)
         over = np.maximum(np.linalg.norm(move[:, :3], axis=1) / 0.5, np.linalg.norm(move[:, 3:], axis=1) / reach)
         T = retract(T, move / np.maximum(over, 1.0)[:, None])
-    robust = huber_loss(size, huber)
+    robust = huber_loss(size)
     ok = np.asarray(ok & np.isfinite(T).all(axis=(1, 2)))
     return Fit(T, information, np.add.reduceat(robust.sum(axis=1), start), np.sqrt(np.mean(size**2, axis=1) / 2), ok)
 
 
-def huber_loss(size: Array, threshold: float) -> Array:
-    """Huber's loss of residuals' sizes: their squares up to the threshold, then linear; twice the usual ρ.
-
-    Args:
-        size: Whitened, of any shape.
-        threshold: Where it turns linear.
-    """
-    return np.where(size <= threshold, size**2, 2 * threshold * size - threshold**2)
+def huber_loss(size: Array) -> Array:
+    """Huber's loss of whitened residuals' sizes, of any shape: twice the usual ρ, so squares up to `HUBER`."""
+    return np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2)
 
 
 def _median(size: Array, start: Ints) -> Array:
@@ -258,28 +232,29 @@ def _median(size: Array, start: Ints) -> Array:
     return np.asarray(size.reshape(-1)[order][4 * start + 2 * counts])
 
 
-def resect(s: Sightings, n: int, *, settings: ResectionSettings) -> Resection:
+def resect(s: Sightings, n: int) -> Resection:
     """The pose of each group that explains all its sightings best, and the best one that is another hypothesis.
 
     Args:
         s: The sightings; every group needs one.
         n: Number of groups.
-        settings: Of candidates and fits.
     """
-    parts, size = [], settings.fits_at_once
-    for a in range(0, max(n, 1), size):
-        own = np.arange(*np.searchsorted(s.group, (a, min(a + size, n))))
-        parts.append(_resect(s.take(own, s.group[own] - a), min(size, n - a), settings))
-    if len(parts) == 1:
-        return parts[0]
-    return Resection(*(np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(Resection)))
+    parts = []
+    for a in range(0, max(n, 1), FITS_AT_ONCE):
+        own = np.arange(*np.searchsorted(s.group, (a, min(a + FITS_AT_ONCE, n))))
+        parts.append(_resect(s.take(own, s.group[own] - a), min(FITS_AT_ONCE, n - a)))
+    return (
+        parts[0]
+        if len(parts) == 1
+        else Resection(*(np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(Resection)))
+    )
 
 
-def _resect(s: Sightings, n: int, settings: ResectionSettings) -> Resection:
+def _resect(s: Sightings, n: int) -> Resection:
     """The same for all groups at once."""
     T_parent_target = transform_inv(s.T_cam_parent)[:, None] @ s.T_cam_tag @ transform_inv(s.T_target_tag)[:, None]
-    first, second, exists = _choose(s, T_parent_target, n, settings)
-    best = fit(s, first, settings=settings)
+    first, second, exists = _choose(s, T_parent_target, n)
+    best = fit(s, first)
     other, other_information, other_cost = first.copy(), np.tile(np.eye(6), (n, 1, 1)), np.full(n, np.inf)
     ambiguous = np.zeros(n, dtype=bool)
     again_at = np.flatnonzero(exists & best.ok)
@@ -288,9 +263,9 @@ def _resect(s: Sightings, n: int, settings: ResectionSettings) -> Resection:
         number = np.full(n, -1, dtype=np.int64)
         number[again_at] = np.arange(len(again_at))
         own = number[s.group] >= 0
-        again = fit(s.take(own, number[s.group[own]]), second[again_at], settings=settings)
+        again = fit(s.take(own, number[s.group[own]]), second[again_at])
         # a second start that converged to the first pose is no alternative
-        apart = again.ok & (_angle(again.T, best.T[again_at]) > settings.distinct_angle)
+        apart = again.ok & (_angle(again.T, best.T[again_at]) > DISTINCT_ANGLE)
         at = again_at[apart]
         other[at], other_cost[at] = again.T[apart], again.cost[apart]
         other_information[at] = again.information[apart]
@@ -308,7 +283,7 @@ def _angle(A: Array, B: Array) -> Array:
     return geodesic_angle(matrix_to_quat(A[..., :3, :3]), matrix_to_quat(B[..., :3, :3]))
 
 
-def _choose(s: Sightings, T: Array, n: int, settings: ResectionSettings) -> tuple[Array, Array, Bools]:
+def _choose(s: Sightings, T: Array, n: int) -> tuple[Array, Array, Bools]:
     """The candidate of each group that explains its sightings best, and the best one of another hypothesis.
 
     T: candidates (d, 2, 4, 4). Returns both (n, 4, 4), and whether there is another hypothesis (n,).
@@ -319,8 +294,8 @@ def _choose(s: Sightings, T: Array, n: int, settings: ResectionSettings) -> tupl
     start = np.searchsorted(s.group, np.arange(n))
     counts = np.diff(np.append(start, len(edge)))
     place = np.arange(len(edge)) - np.repeat(start, counts)
-    sources = order[place < settings.proposing_tags]
-    stride = np.maximum(1, -(-counts // settings.judging_sightings))
+    sources = order[place < PROPOSING_TAGS]
+    stride = np.maximum(1, -(-counts // JUDGING_SIGHTINGS))
     judges = np.arange(len(edge))[place % np.repeat(stride, counts) == 0]
     first_judge = np.searchsorted(s.group[judges], np.arange(n))
     n_judges = np.diff(np.append(first_judge, len(judges)))
@@ -338,7 +313,7 @@ def _choose(s: Sightings, T: Array, n: int, settings: ResectionSettings) -> tupl
     first = _least(cost.reshape(-1), group, n)
     usable = np.isfinite(flat[:, 0, 0])
     safe = np.where(usable[:, None, None], flat, np.eye(4))
-    apart = usable & (_angle(safe, safe[first][group]) > settings.distinct_angle)
+    apart = usable & (_angle(safe, safe[first][group]) > DISTINCT_ANGLE)
     others = np.where(apart & np.isfinite(cost.reshape(-1)), cost.reshape(-1), np.inf)
     second = _least(others, group, n)
     return flat[first], flat[second], np.isfinite(others[second])

@@ -11,17 +11,38 @@ from tossid.rotations import matrix_to_quat, quat_boxminus
 from tossid.settings.tracking import TrackSettings
 from tossid.vision.pose_graph.factors import IDEAL_TAGS, TagModel
 from tossid.vision.pose_graph.graph import solve
-from tossid.vision.pose_graph.initial import given, initialise, is_known, place
-from tossid.vision.pose_graph.priors import Prior, calibrates, priors, tag_key
+from tossid.vision.pose_graph.initial import initialise, place
 from tossid.vision.pose_graph.reprojection import ReprojectionErrors, reproject
 from tossid.vision.pose_graph.scene import Scene, gap
 from tossid.vision.pose_graph.setup_checks import Suspect, check_set_up
-from tossid.vision.pose_graph.solution import Solution, TimingModel, unsolved
+from tossid.vision.pose_graph.state import (
+    Prior,
+    Solution,
+    TimingModel,
+    calibrates,
+    given,
+    is_known,
+    priors,
+    tag_key,
+    unsolved,
+)
 from tossid.vision.pose_graph.tag_distortion import converged, estimate_tag_model
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+
+OUTLIER_PIXELS = 0.5
+"""Rms reprojection up to which no sighting is an outlier [px]."""
+COVARIANCE_SLACK = 1.2
+"""Covariances are scaled by the residuals' noise where that differs from the corners' own by more than this factor;
+errors such as edges that spread are in the residuals and not in the pose."""
+TAG_MODEL_PASSES = 6
+"""Most alternations between poses and tag model."""
+NOISE_SHARE = 0.75
+"""The tag model is kept where it brings the noise below this share of the plain model's."""
+LEFT_OUT_SHARE, RESIDUAL_RATIO = 0.02, 1.5
+"""Share of sightings that contradict the others, and residuals over the noise, from which the set-up is checked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +107,11 @@ def solve_scene(scene: Scene, offsets: dict[int, float], *, settings: TrackSetti
     free = np.isin(np.arange(len(scene.cameras)), list(offsets))
     plain = _without_outliers(scene, known, settings, free, solution)
     fit = _with_tag_model(scene, known, settings, free, plain) or plain
-    doubtful = _exceeds_noise(fit.errors, fit.used, settings)
-    suspects = check_set_up(scene, given(scene), settings=settings) if doubtful else []
+    doubtful = _exceeds_noise(fit.errors, fit.used)
+    suspects = check_set_up(scene, given(scene)) if doubtful else []
     used = fit.used & np.isfinite(fit.errors.pixels)
     scale = fit.errors.scale(scene, used)
-    covariance_scale = scale if abs(np.log(scale)) > np.log(settings.graph.covariance_slack) else 1.0
+    covariance_scale = scale if abs(np.log(scale)) > np.log(COVARIANCE_SLACK) else 1.0
     alone = fit.timing is None and not calibrates(scene, known)
     solution = solve(
         scene,
@@ -145,15 +166,14 @@ def _with_tag_model(
     scene: Scene, known: dict[int, Prior], settings: TrackSettings, free: Bools, plain: _Fit
 ) -> _Fit | None:
     """The graph solved with the tag model that the residuals show; None where that explains little of them."""
-    limits = settings.tag_model
     tag_model, errors, fit = IDEAL_TAGS, plain.errors, plain
     used = np.ones(len(scene.step), dtype=bool)
-    for _ in range(int(limits.passes)):
+    for _ in range(TAG_MODEL_PASSES):
         outlier = _outliers(scene, errors, used, settings)
         used = used & ~outlier
         before = tag_model
-        tag_model = estimate_tag_model(scene, errors, used, before, settings=limits)
-        done = converged(before, tag_model, settings=limits) and not outlier.any()
+        tag_model = estimate_tag_model(scene, errors, used, before)
+        done = converged(before, tag_model) and not outlier.any()
         if tag_model == IDEAL_TAGS or done:
             break
         solution = solve(
@@ -162,17 +182,16 @@ def _with_tag_model(
         timing = _timing(scene, solution, settings, free)
         errors = reproject(scene, solution.state, timing, spread_sigma=tag_model.spread_sigma)
         fit = _Fit(solution, used, timing, errors, tag_model)
-    explained = fit.errors.scale(scene, fit.used) < limits.noise_share * plain.errors.scale(scene, plain.used)
+    explained = fit.errors.scale(scene, fit.used) < NOISE_SHARE * plain.errors.scale(scene, plain.used)
     return fit if fit is not plain and explained else None
 
 
-def _exceeds_noise(errors: ReprojectionErrors, used: Bools, settings: TrackSettings) -> bool:
+def _exceeds_noise(errors: ReprojectionErrors, used: Bools) -> bool:
     """Whether residuals are larger than noise, or many sightings were outliers: then the set-up is checked."""
-    check = settings.setup_check
     left_out = float(np.mean(~used))
     good = used & np.isfinite(errors.whitened)
     rms = np.sqrt(np.mean(errors.whitened[good] ** 2)) if good.any() else 0.0
-    return left_out > check.left_out_share or bool(rms > check.residual_ratio)
+    return left_out > LEFT_OUT_SHARE or bool(rms > RESIDUAL_RATIO)
 
 
 def _outliers(scene: Scene, errors: ReprojectionErrors, used: Bools, settings: TrackSettings) -> Bools:
@@ -183,7 +202,7 @@ def _outliers(scene: Scene, errors: ReprojectionErrors, used: Bools, settings: T
     whitened[~np.isfinite(errors.pixels)] = 0.0
     worst = np.zeros(len(scene.t))
     np.maximum.at(worst, scene.step, whitened)
-    outlier = used & (whitened > settings.outlier * scale) & (errors.pixels > settings.gating.outlier_pixels)
+    outlier = used & (whitened > settings.outlier * scale) & (errors.pixels > OUTLIER_PIXELS)
     outlier &= counts[scene.step] > 1
     return np.asarray(outlier & (whitened >= worst[scene.step]))
 

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
-from tossid.settings.tracking import TrackSettings
 from tossid.types import Detection
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.pose_graph.resect import tag_poses
@@ -22,7 +21,10 @@ Bools = NDArray[np.bool_]
 
 ACUTE = 0.05
 """Least 1 + cos of the angle between two edges' normals: a sharper corner would move without bound as edges spread."""
-DEFAULT = TrackSettings()
+STEP_PERIODS = 0.55
+"""Frames of different cameras within so many periods of the fastest camera are one time step."""
+STILL_PIXELS = 3.0
+"""Largest motion of a static tag in a static camera's images [px]; such sightings are merged into their mean."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,20 +79,8 @@ class Scene:
         Args:
             rows: Which, (k,).
         """
-        arrays = (
-            "step",
-            "camera",
-            "tag",
-            "delay",
-            "pixels",
-            "seen",
-            "to_pixels",
-            "whiten",
-            "edge_growth",
-            "count",
-            "T_cam_tag",
-        )
-        return replace(self, **{name: getattr(self, name)[rows] for name in arrays})
+        arrays = "step camera tag delay pixels seen to_pixels whiten edge_growth count T_cam_tag"
+        return replace(self, **{name: getattr(self, name)[rows] for name in arrays.split()})
 
     @property
     def half(self) -> Array:
@@ -104,7 +94,6 @@ def observe(
     layout: TagLayout,
     *,
     dropped: Counter[str],
-    settings: TrackSettings = DEFAULT,
 ) -> Scene:
     """The scene that detections show.
 
@@ -115,7 +104,6 @@ def observe(
         cameras: All that detections are of.
         layout: Bodies and their tags.
         dropped: Filled with counts, by reason, of what is left out.
-        settings: What is one time step, and what stands still.
 
     Raises:
         InputError: A detection of a camera that is not calibrated, or of a rig that is no body; nothing to use.
@@ -150,7 +138,7 @@ def observe(
     kept, tag = [kept[i] for i in order], np.array(at, dtype=np.int64)[order]
     camera = np.array([names[detection.camera] for detection in kept], dtype=np.int64)
     times = np.array([detection.t for detection in kept])
-    step, t = time_steps(times, camera, periods=settings.scene.step_periods)
+    step, t = time_steps(times, camera)
     # within a step, rows are in the cameras' order, not in the order of microseconds
     order = np.lexsort((tag, camera, step))
     kept = [kept[i] for i in order]
@@ -160,7 +148,7 @@ def observe(
     static = np.array([body.is_static for body in layout.bodies])
     still = static[[bodies[model.rig_body] for model in cameras]] & [model.wiggle is None for model in cameras]
     still_rows = still[camera] & static[[b for b, _ in tags]][tag]
-    rows, pixels, cov, count = _merged(pixels, cov, still_rows, camera, tag, settings.scene.still_pixels)
+    rows, pixels, cov, count = _merged(pixels, cov, still_rows, camera, tag)
     seen, to_pixels = _undistorted(cameras, camera[rows], pixels)
     lens = np.isfinite(seen).all(axis=(1, 2)) & np.isfinite(to_pixels).all(axis=(1, 2, 3))
     if not lens.all():
@@ -213,9 +201,7 @@ def _normalised(to_pixels: Array, shift: Array) -> Array:
     return np.asarray(np.squeeze(np.linalg.inv(safe) @ shift[..., None], -1))
 
 
-def _merged(
-    pixels: Array, cov: Array, still: Bools, camera: Ints, tag: Ints, still_pixels: float
-) -> tuple[Ints, Array, Array, Array]:
+def _merged(pixels: Array, cov: Array, still: Bools, camera: Ints, tag: Ints) -> tuple[Ints, Array, Array, Array]:
     """Rows with those of a static camera and a static tag merged into their first one.
 
     The mean corners of n frames, with n times the information, have the same sum of squares as the n frames but for a
@@ -233,7 +219,7 @@ def _merged(
         if len(rows) < 2:
             continue
         middle = np.median(pixels[rows], axis=0)
-        near = rows[np.linalg.norm(pixels[rows] - middle, axis=-1).max(axis=1) < still_pixels]
+        near = rows[np.linalg.norm(pixels[rows] - middle, axis=-1).max(axis=1) < STILL_PIXELS]
         if len(near) < 0.9 * len(rows):
             continue
         information = np.linalg.inv(cov[near])
@@ -296,7 +282,7 @@ def _undistorted(cameras: Sequence[Camera], camera: Ints, pixels: Array) -> tupl
     return seen, slope
 
 
-def time_steps(t: Array, camera: Ints, *, periods: float) -> tuple[Ints, Array]:
+def time_steps(t: Array, camera: Ints) -> tuple[Ints, Array]:
     """Time step of each sighting, (d,), and the steps' times [s], (n,).
 
     A camera has one frame in a step, and the first of the cameras gives the step its time. Cameras need not be
@@ -305,14 +291,13 @@ def time_steps(t: Array, camera: Ints, *, periods: float) -> tuple[Ints, Array]:
     Args:
         t: Times of the sightings in order [s], (d,).
         camera: (d,).
-        periods: Length of a step, in periods of the fastest camera.
     """
     gaps = []
     for c in np.unique(camera):
         steps = np.diff(np.unique(t[camera == c]))
         if len(steps):
             gaps.append(float(np.median(steps)))
-    window = periods * min(gaps) if gaps else 0.0
+    window = STEP_PERIODS * min(gaps) if gaps else 0.0
     step = np.zeros(len(t), dtype=np.int64)
     first, index = t[0], 0
     at: dict[int, float] = {}
@@ -338,13 +323,7 @@ def gap(t: Array, max_gap: float) -> float:
 
 
 def swapped(scene: Scene, a: int, c: int) -> Scene:
-    """The scene as it would be if two cameras' detections had been swapped.
-
-    Args:
-        scene: As detected.
-        a: Number of the one camera.
-        c: Number of the other.
-    """
+    """The scene as it would be if two cameras' detections had been swapped."""
     index = np.arange(len(scene.cameras))
     index[[a, c]] = [c, a]
     camera = index[scene.camera]
@@ -367,9 +346,5 @@ def swapped(scene: Scene, a: int, c: int) -> Scene:
 
 
 def words(reasons: Counter[str]) -> str:
-    """Reasons with their counts, for a message.
-
-    Args:
-        reasons: Counts by reason.
-    """
+    """Reasons with their counts, for a message."""
     return ", ".join(f"{reason}: {count}" for reason, count in reasons.most_common()) or "none dropped"

@@ -11,17 +11,29 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from tossid.rotations import geodesic_angle, matrix_to_quat, transform_inv
-from tossid.settings.tracking import TrackSettings
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.pose_graph.initial import State, is_known
-from tossid.vision.pose_graph.resect import Sightings, huber_loss, resect, residuals
+from tossid.vision.pose_graph.corner_projection import whitened_sizes
+from tossid.vision.pose_graph.resect import Sightings, huber_loss, resect
 from tossid.vision.pose_graph.scene import Scene, swapped
+from tossid.vision.pose_graph.state import State, is_known
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 UNITS = (1.0, 1e-3, 1e-2, 0.0254, 10.0, 100.0, 1e3)
 """By what a size may be wrong before it is measured wrongly: in mm, cm, inches, or taken for one of these."""
+STEPS, FEWEST_STEPS = 200, 20
+"""Time steps that are used, and below which nothing is tried."""
+FEWEST_SIGHTINGS = 5
+"""Sightings by or of a suspect below which nothing is said of it."""
+LEAST_DISTANCE, LEAST_ANGLE = 0.001, np.deg2rad(0.3)
+"""What is off by less than both [m, rad] is not reported."""
+MISFIT_SHARE = 0.75
+"""Correcting the suspect must bring the misfit of the rest below this share of what it was."""
+MOST_SUSPECTS = 4
+"""Of a body."""
+FOCAL_STEP, CENTER_STEP = 0.005, 2.0
+"""Steps of the focal lengths, as a share, and of the principal points [px] that are tried; 20 to either side."""
 WRONG_SIZE = 0.03
 """Share by which tags have to be larger or smaller than stated to be reported; ink spreads by less."""
 
@@ -56,7 +68,7 @@ class _Trial:
     misfit: float
 
 
-def check_set_up(scene: Scene, state: State, *, settings: TrackSettings) -> list[Suspect]:
+def check_set_up(scene: Scene, state: State) -> list[Suspect]:
     """Everything suspect, what explains most first.
 
     For each body that one rig's cameras see, its poses are fitted again without each tag, without each camera, with
@@ -66,18 +78,16 @@ def check_set_up(scene: Scene, state: State, *, settings: TrackSettings) -> list
     Args:
         scene: The sightings.
         state: Poses of cameras and tags as given (`initial.given`); unknown ones are not judged.
-        settings: What is reported.
     """
-    check = settings.setup_check
     found: list[Suspect] = []
     for b, body in enumerate(scene.bodies):
         on = (scene.body[scene.tag] == b) & is_known(state.tag)[scene.tag] & is_known(state.camera)[scene.camera]
         rigs = np.unique(scene.rig[scene.camera[on]])
         if len(rigs) != 1 or (body.is_static and scene.bodies[rigs[0]].is_static):
             continue
-        left = scene.take(_sample(scene, np.flatnonzero(on), check.steps))
-        while len(found) < check.most_suspects:
-            suspect, left = _worst(left, state, settings)
+        left = scene.take(_sample(scene, np.flatnonzero(on), STEPS))
+        while len(found) < MOST_SUSPECTS:
+            suspect, left = _worst(left, state)
             if suspect is None:
                 break
             found.append(suspect)
@@ -93,26 +103,26 @@ def _sample(scene: Scene, rows: Ints, most: int) -> Ints:
     return rows[np.isin(scene.step[rows], steps)]
 
 
-def _worst(scene: Scene, state: State, settings: TrackSettings) -> tuple[Suspect | None, Scene]:
+def _worst(scene: Scene, state: State) -> tuple[Suspect | None, Scene]:
     """The worst suspect, and the scene without it."""
-    base = _trial(scene, state, settings)
+    base = _trial(scene, state)
     if base is None:
         return None, scene
     tags, cameras = (np.unique(index).tolist() for index in (scene.tag, scene.camera))
     trials: list[tuple[str, tuple[int, ...], _Trial | None]] = []
     for i in tags if len(tags) > 2 else ():
-        trials.append(("tag", (i,), _trial(scene.take(np.flatnonzero(scene.tag != i)), state, settings)))
+        trials.append(("tag", (i,), _trial(scene.take(np.flatnonzero(scene.tag != i)), state)))
     for c in cameras if len(cameras) > 1 else ():
-        trials.append(("camera", (c,), _trial(scene.take(np.flatnonzero(scene.camera != c)), state, settings)))
+        trials.append(("camera", (c,), _trial(scene.take(np.flatnonzero(scene.camera != c)), state)))
     for a, c in itertools.combinations(cameras, 2):
-        trials.append(("swapped", (a, c), _trial(swapped(scene, a, c), state, settings)))
-    factor = _best_factor(lambda factor: _misfit(_trial(_resized(scene, factor), state, settings)))
-    trials.append(("size", (), _trial(_resized(scene, factor), state, settings)))
+        trials.append(("swapped", (a, c), _trial(swapped(scene, a, c), state)))
+    factor = _best_factor(lambda factor: _misfit(_trial(_resized(scene, factor), state)))
+    trials.append(("size", (), _trial(_resized(scene, factor), state)))
     made = [(kind, what, trial) for kind, what, trial in trials if trial is not None]
     if not made:
         return None, scene
     kind, what, trial = min(made, key=lambda one: one[2].misfit)
-    if trial.misfit > settings.setup_check.misfit_share * base.misfit:
+    if trial.misfit > MISFIT_SHARE * base.misfit:
         return None, scene
     if kind == "size":
         body = scene.bodies[scene.body[scene.tag[0]]].name
@@ -124,25 +134,25 @@ def _worst(scene: Scene, state: State, settings: TrackSettings) -> tuple[Suspect
         return Suspect(kind, names, f"cameras {names} are swapped"), trial.scene
     out = scene.take(np.flatnonzero((scene.tag if kind == "tag" else scene.camera) == what[0]))
     out = out.take(np.flatnonzero(np.isin(out.step, trial.steps)))
-    if len(out.step) < settings.setup_check.fewest_sightings:
+    if len(out.step) < FEWEST_SIGHTINGS:
         return None, scene
     T_rig_body = trial.T_rig_body[np.searchsorted(trial.steps, out.step)]
     if kind == "tag":
-        return _moved_tag(out, state, T_rig_body, what[0], settings), trial.scene
+        return _moved_tag(out, state, T_rig_body, what[0]), trial.scene
     if len(cameras) == 2:
         return Suspect("camera", names, f"cameras {names} do not agree"), trial.scene
-    return _wrong_camera(out, state, T_rig_body, what[0], settings), trial.scene
+    return _wrong_camera(out, state, T_rig_body, what[0]), trial.scene
 
 
-def _trial(scene: Scene, state: State, settings: TrackSettings) -> _Trial | None:
+def _trial(scene: Scene, state: State) -> _Trial | None:
     """A fit of a body's poses; None where too few steps are left."""
     counts = np.bincount(scene.step, minlength=len(scene.t))
     scene = scene.take(np.flatnonzero(counts[scene.step] >= 2))
     steps, group = np.unique(scene.step, return_inverse=True)
-    if len(steps) < settings.setup_check.fewest_steps:
+    if len(steps) < FEWEST_STEPS:
         return None
     s = _sightings(scene, transform_inv(state.camera[scene.camera]), state.tag[scene.tag], group)
-    poses = resect(s, len(steps), settings=settings.resection)
+    poses = resect(s, len(steps))
     # the mean without the worst twentieth, since single frames may be wrong in any set-up
     each = np.sort((poses.cost / (8.0 * poses.count - 6))[poses.known])
     misfit = float(np.mean(each[: max(int(0.95 * len(each)), 1)])) if len(each) else float("inf")
@@ -190,50 +200,48 @@ def _sightings(scene: Scene, A: Array, B: Array, group: Ints, seen: Array | None
     return Sightings(group[order], *(array[order] for array in arrays))
 
 
-def _moved_tag(scene: Scene, state: State, T_rig_body: Array, tag: int, settings: TrackSettings) -> Suspect | None:
+def _moved_tag(scene: Scene, state: State, T_rig_body: Array, tag: int) -> Suspect | None:
     """A tag whose place or size differs from the stated one by the poses that the other tags give."""
     A, group = transform_inv(state.camera[scene.camera]) @ T_rig_body, np.zeros(len(T_rig_body), dtype=np.int64)
-    refitted = resect(_sightings(scene, A, np.broadcast_to(np.eye(4), A.shape), group), 1, settings=settings.resection)
+    refitted = resect(_sightings(scene, A, np.broadcast_to(np.eye(4), A.shape), group), 1)
     name, body = str(scene.tags[tag].id), scene.bodies[scene.body[tag]].name
     at = np.broadcast_to(state.tag[tag], A.shape)
 
     def cost(factor: float) -> float:
-        return _cost(_sightings(_resized(scene, factor), A, np.broadcast_to(np.eye(4), A.shape), group), at, settings)
+        return _cost(_sightings(_resized(scene, factor), A, np.broadcast_to(np.eye(4), A.shape), group), at)
 
     factor = _best_factor(cost)
     if cost(factor) < refitted.cost[0]:
         return _sized(factor, name, f"tag {name} on {body}")
     far, turn = _apart(refitted.T[0], state.tag[tag])
-    if far < settings.setup_check.least_distance and turn < settings.setup_check.least_angle:
+    if far < LEAST_DISTANCE and turn < LEAST_ANGLE:
         return None
     message = f"tag {name} is {far * 1e3:.1f} mm and {np.rad2deg(turn):.1f}° from where it is said to be on {body}"
     return Suspect("tag", name, message, far, turn)
 
 
-def _cost(s: Sightings, T: Array, settings: TrackSettings) -> float:
+def _cost(s: Sightings, T: Array) -> float:
     """Robust sum of squared whitened residuals under given poses of all sightings (d, 4, 4)."""
-    r, _ = residuals(s, T)
-    size = np.linalg.norm(np.squeeze(s.whiten @ np.nan_to_num(r, nan=1e3)[..., None], -1), axis=-1)
-    return float(np.sum(huber_loss(size, settings.resection.huber)))
+    size = whitened_sizes(s.T_cam_parent @ T, s.points, s.seen, np.ascontiguousarray(s.whiten))
+    return float(np.sum(huber_loss(size)))
 
 
-def _wrong_camera(scene: Scene, state: State, T_rig_body: Array, c: int, settings: TrackSettings) -> Suspect | None:
+def _wrong_camera(scene: Scene, state: State, T_rig_body: Array, c: int) -> Suspect | None:
     """A camera whose sightings another pose or other intrinsics explain, given the poses that the others see."""
-    check = settings.setup_check
     B, group = T_rig_body @ state.tag[scene.tag], np.zeros(len(T_rig_body), dtype=np.int64)
     eye, name, model = np.broadcast_to(np.eye(4), B.shape), scene.cameras[c].name, scene.cameras[c]
     T_cam_rig = transform_inv(state.camera[c])
-    refitted = resect(_sightings(scene, eye, B, group), 1, settings=settings.resection)
+    refitted = resect(_sightings(scene, eye, B, group), 1)
 
     def cost(lens: Camera) -> float:
         s = _sightings(scene, eye, B, group, lens.undistort(scene.pixels))
-        return _cost(s, np.broadcast_to(T_cam_rig, B.shape), settings)
+        return _cost(s, np.broadcast_to(T_cam_rig, B.shape))
 
     best = (np.inf, "", 0.0)
     for what, step in (
-        ("focal length", check.focal_step),
-        ("principal point's x", check.center_step),
-        ("principal point's y", check.center_step),
+        ("focal length", FOCAL_STEP),
+        ("principal point's x", CENTER_STEP),
+        ("principal point's y", CENTER_STEP),
     ):
         amounts = step * np.arange(-20, 21)
         costs = [cost(_changed(model, what, amount)) for amount in amounts]
@@ -243,9 +251,7 @@ def _wrong_camera(scene: Scene, state: State, T_rig_body: Array, c: int, setting
         return Suspect("intrinsics", name, f"camera {name}'s images fit another {best[1]} ({size})")
     far, turn = _apart(transform_inv(refitted.T[0]), state.camera[c])
     message = f"camera {name} is {far * 1e3:.0f} mm and {np.rad2deg(turn):.1f}° from where it is said to be"
-    return (
-        Suspect("camera", name, message, far, turn) if far > check.least_distance or turn > check.least_angle else None
-    )
+    return Suspect("camera", name, message, far, turn) if far > LEAST_DISTANCE or turn > LEAST_ANGLE else None
 
 
 def _apart(A: Array, B: Array) -> tuple[float, float]:

@@ -23,11 +23,12 @@ from tossid.settings.tracking import StreamSettings, TrackSettings
 from tossid.types import Detection, PoseTrack
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.pose_graph.coarse_clocks import CoarseClocks, coarse_clocks
-from tossid.vision.pose_graph.priors import EXACT
+from tossid.vision.pose_graph.graph_builder import CLOCK_SIGMA
 from tossid.vision.pose_graph.report import FrameErrors, TrackReport
 from tossid.vision.pose_graph.setup_checks import Suspect
+from tossid.vision.pose_graph.state import EXACT
 from tossid.vision.pose_graph.track import DEFAULT, Tracked, track_in_time, with_clocks
-from tossid.vision.recordings.disk_buffer import detections_aside
+from tossid.vision.recordings.disk_buffer import DetectionSpool
 from tossid.vision.setup.layout import TagLayout
 
 
@@ -61,7 +62,7 @@ def track_stream(
     """
     with ExitStack() as stack:
         if isinstance(detections, Iterator) and needs_all(cameras, layout, settings=settings):
-            detections = stack.enter_context(detections_aside(detections, spool_folder))
+            detections = stack.enter_context(DetectionSpool(detections, spool_folder))
         coarse = coarse_clocks(detections, cameras, layout, settings=settings) if settings.clocks else CoarseClocks()
         in_time, tracks = coarse.in_time(detections), _Tracks(keep)
         tracked = _in_pieces(in_time, cameras, layout, settings, name, progress, tracks, coarse.offsets)
@@ -69,13 +70,7 @@ def track_stream(
 
 
 def needs_all(cameras: Sequence[Camera], layout: TagLayout, *, settings: TrackSettings) -> bool:
-    """Whether all detections are needed before the first pose: to calibrate what is static, or to compare clocks.
-
-    Args:
-        cameras: What is known of them.
-        layout: What is known of bodies and their tags.
-        settings: Whether clocks are compared.
-    """
+    """Whether all detections are needed before the first pose: to calibrate what is static, or to compare clocks."""
     return not statics_known(cameras, layout) or (settings.clocks and len(cameras) > 1)
 
 
@@ -113,7 +108,7 @@ def _in_pieces(
             failed.append(error)
             continue
         clocks = tracked.report.clocks
-        told = settings.graph.clock_sigma / 2  # less than before the graph: the piece has motion that both see
+        told = CLOCK_SIGMA / 2  # less than before the graph: the piece has motion that both see
         if clocks and all(
             sigma < told for camera, (_, sigma) in clocks.items() if camera in apart
         ):  # known from here on; the piece is cut again with them
@@ -147,12 +142,7 @@ def _sample(detections: Iterable[Detection], sizes: StreamSettings) -> list[Dete
 
 
 def statics_known(cameras: Sequence[Camera], layout: TagLayout) -> bool:
-    """Whether everything static is exactly known, and time steps share no other unknown.
-
-    Args:
-        cameras: What is known of them.
-        layout: What is known of bodies and their tags.
-    """
+    """Whether everything static is exactly known, and time steps share no other unknown."""
     known = all(camera.T_rig_cam is not None and _exact(camera.T_rig_cam_cov) for camera in cameras)
     known &= all(camera.wiggle is None for camera in cameras)
     for body in layout.bodies:

@@ -10,13 +10,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.settings.tracking import TagModelSettings
 from tossid.vision.pose_graph.factors import IDEAL_TAGS, TagModel
 from tossid.vision.pose_graph.reprojection import ReprojectionErrors
 from tossid.vision.pose_graph.scene import Scene
 
 Bools = NDArray[np.bool_]
 
+FEWEST_SIGHTINGS, FEWEST_STEPS = 50, 20
+"""Sightings from which a spread of edges is estimated, and time steps that must show a tag before its print is."""
+VARIANCE_RATIO = 2.0
+"""The spread's variance must be this many times what independent errors of corners give."""
+CONVERGED = 0.1
+"""The estimate has converged when the spread changes by less than this share."""
 CHI2_MEDIAN_1, CHI2_MEDIAN_7 = 0.455, 6.35
 """Medians of χ² with one and with seven degrees of freedom."""
 
@@ -26,8 +31,6 @@ def estimate_tag_model(
     errors: ReprojectionErrors,
     used: Bools,
     before: TagModel = IDEAL_TAGS,
-    *,
-    settings: TagModelSettings,
 ) -> TagModel:
     """The spread of tags' edges, and which tags' prints to estimate; `IDEAL_TAGS` where the residuals show no spread.
 
@@ -38,11 +41,10 @@ def estimate_tag_model(
         errors: Reprojection under poses that were found with `before`.
         used: Sightings to use, (d,).
         before: The estimate so far.
-        settings: When a spread counts.
     """
     steps = np.bincount(scene.step[used], minlength=len(scene.t))
     good = used & np.isfinite(errors.whitened) & (steps[scene.step] > 1)
-    if good.sum() < settings.fewest_sightings:
+    if good.sum() < FEWEST_SIGHTINGS:
         return IDEAL_TAGS
     # without the spread, seven of a sighting's eight residuals are left
     b, certainty = errors.spread[good], errors.spread_certainty[good]
@@ -55,27 +57,21 @@ def estimate_tag_model(
     else:
         by_noise = noise2 / float(np.median(certainty**2))
         spread2 = float(np.median(b**2)) / CHI2_MEDIAN_1
-        sigma2 = (spread2 - by_noise) / noise2 if spread2 > settings.variance_ratio * by_noise else 0.0
-    return TagModel(float(np.sqrt(sigma2)), _prints(scene, used, settings.fewest_steps))
+        sigma2 = (spread2 - by_noise) / noise2 if spread2 > VARIANCE_RATIO * by_noise else 0.0
+    return TagModel(float(np.sqrt(sigma2)), _prints(scene, used))
 
 
-def converged(before: TagModel, after: TagModel, *, settings: TagModelSettings) -> bool:
-    """Whether two estimates hardly differ.
-
-    Args:
-        before: The estimate before.
-        after: The estimate after it.
-        settings: What counts as hardly.
-    """
+def converged(before: TagModel, after: TagModel) -> bool:
+    """Whether two estimates hardly differ."""
     change = abs(after.spread_sigma - before.spread_sigma)
-    return before.prints == after.prints and change <= settings.converged * after.spread_sigma
+    return before.prints == after.prints and change <= CONVERGED * after.spread_sigma
 
 
-def _prints(scene: Scene, used: Bools, fewest_steps: int) -> frozenset[int]:
+def _prints(scene: Scene, used: Bools) -> frozenset[int]:
     """Tags whose poses are known no better than their prints, and that are seen often."""
     found = set()
     for i, tag in enumerate(scene.tags):
         vague = tag.T_body_tag is None or (tag.position_noise is not None and tag.position_noise.min() > tag.size / 2)
-        if vague and len(np.unique(scene.step[used & (scene.tag == i)])) >= fewest_steps:
+        if vague and len(np.unique(scene.step[used & (scene.tag == i)])) >= FEWEST_STEPS:
             found.add(i)
     return frozenset(found)

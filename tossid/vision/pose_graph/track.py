@@ -12,10 +12,10 @@ from tossid.errors import InputError
 from tossid.settings.tracking import TrackSettings
 from tossid.types import Detection, PoseTrack
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.pose_graph.clocks import clock_offsets
+from tossid.vision.pose_graph.clocks import SAME, SIGMAS, clock_offsets
 from tossid.vision.pose_graph.coarse_clocks import CoarseClocks, coarse_clocks
 from tossid.vision.pose_graph.gating import gate_tree, pose_track
-from tossid.vision.pose_graph.initial import given
+from tossid.vision.pose_graph.graph_builder import CLOCK_SIGMA
 from tossid.vision.pose_graph.report import (
     CONTRADICTS,
     Counts,
@@ -28,6 +28,7 @@ from tossid.vision.pose_graph.report import (
 )
 from tossid.vision.pose_graph.robust import SolvedScene, solve_scene
 from tossid.vision.pose_graph.scene import Scene, observe, words
+from tossid.vision.pose_graph.state import given
 from tossid.vision.setup.layout import TagLayout, descendants
 
 DEFAULT = TrackSettings()
@@ -87,7 +88,7 @@ def with_clocks(tracked: Tracked, coarse: CoarseClocks) -> Tracked:
         tracked: What was found; its clocks' offsets are the rest.
         coarse: What had been subtracted.
     """
-    rest, sigma = tracked.report.clocks, DEFAULT.graph.clock_sigma
+    rest, sigma = tracked.report.clocks, CLOCK_SIGMA
     clocks = {
         c: (late + rest.get(c, (0.0, sigma))[0], rest.get(c, (0.0, sigma))[1]) for c, late in coarse.offsets.items()
     }
@@ -116,7 +117,7 @@ def track_in_time(
     Raises:
         InputError: As `track_scene`.
     """
-    as_stamped, dropped = _observed(detections, cameras, layout, {}, settings)
+    as_stamped, dropped = _observed(detections, cameras, layout, {})
     scene = as_stamped
     always = {c for c, camera in enumerate(cameras) if camera.name in apart}
     offsets = dict.fromkeys(always, 0.0)
@@ -124,22 +125,21 @@ def track_in_time(
         offsets |= clock_offsets(scene, given(scene), settings=settings)
     while True:
         if any(offsets.values()):
-            scene, dropped = _observed(detections, cameras, layout, offsets, settings)
+            scene, dropped = _observed(detections, cameras, layout, offsets)
         solved = solve_scene(scene, offsets, settings=settings)
         clocks = solved.clocks(offsets)
-        search = settings.clock_search
         # an offset that the graph does not confirm is taken as zero, and the scene solved again
         sure = {
             c: offset
             for c, offset in offsets.items()
-            if c in always or abs(clocks[c][0]) > max(search.same, search.sigmas * clocks[c][1])
+            if c in always or abs(clocks[c][0]) > max(SAME, SIGMAS * clocks[c][1])
         }
         if len(sure) == len(offsets):
             named = {cameras[c].name: found for c, found in clocks.items()}
             return _tracked(solved, settings, layout, name, named, dropped)
         offsets = sure
         if not any(offsets.values()):
-            scene, dropped = _observed(detections, cameras, layout, {}, settings)
+            scene, dropped = _observed(detections, cameras, layout, {})
 
 
 def _observed(
@@ -147,13 +147,12 @@ def _observed(
     cameras: Sequence[Camera],
     layout: TagLayout,
     offsets: dict[int, float],
-    settings: TrackSettings,
 ) -> tuple[Scene, Counter[str]]:
     """The scene with clocks' offsets [s] subtracted, by camera's number, and counts of what was left out."""
     late = {cameras[c].name: offset for c, offset in offsets.items()}
     dropped: Counter[str] = Counter()
     shifted = [replace(d, t=d.t - late[d.camera]) if d.camera in late else d for d in detections]
-    return observe(shifted, cameras, layout, dropped=dropped, settings=settings), dropped
+    return observe(shifted, cameras, layout, dropped=dropped), dropped
 
 
 def _tracked(

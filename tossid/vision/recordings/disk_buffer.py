@@ -7,90 +7,68 @@ the system's temporary one may be memory, too.
 from __future__ import annotations
 
 import itertools
+import pickle
 import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from types import TracebackType
+from typing import Self
 
 import numpy as np
 
 from tossid.errors import MotionError
 from tossid.types import Detection, LongTrack, PoseTrack
 
-ROW = np.dtype(
-    [
-        ("camera", "i4"),
-        ("t", "f8"),
-        ("tag_id", "i8"),
-        ("corners", "f8", (4, 2)),
-        ("corner_cov", "f8", (4, 2, 2)),
-        ("hamming", "i8"),
-        ("margin", "f8"),
-    ]
-)
-"""One detection in the file."""
 AT_ONCE = 512
 """Detections that are written or read at once."""
 
 
-@contextmanager
-def pose_spool(folder: Path) -> Iterator[PoseSpool]:
-    """A temporary file for poses, while the block lasts.
+class _Spool:
+    """A temporary file, which lasts as long as the context."""
 
-    Args:
-        folder: Where the file lies.
-    """
-    with tempfile.TemporaryFile(dir=folder) as file:
-        yield PoseSpool(file)
+    def __init__(self, folder: Path | None) -> None:
+        """Make the file in a folder; None: in the system's for temporary files."""
+        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  (closed by the context)
 
+    def __enter__(self) -> Self:
+        """Itself."""
+        return self
 
-@contextmanager
-def detections_aside(detections: Iterable[Detection], folder: Path | None) -> Iterator[SpooledDetections]:
-    """Detections in a temporary file, which can be read again and again while the block lasts.
-
-    Args:
-        detections: All of them are taken at once.
-        folder: Where the file lies; None: in the system's folder for temporary files.
-    """
-    with tempfile.TemporaryFile(dir=folder) as file:
-        yield SpooledDetections(detections, file)
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Remove the file."""
+        self._file.close()
 
 
-class SpooledDetections(Iterable[Detection]):
-    """Detections in a file; see `detections_aside`."""
+class DetectionSpool(_Spool, Iterable[Detection]):
+    """Detections in a temporary file, to be gone through again and again. Use it as a context."""
 
-    def __init__(self, detections: Iterable[Detection], file: BinaryIO) -> None:
-        """Write detections to an open file."""
-        self._file, self._cameras = file, dict[str, int]()
-        self.count = 0
-        source = iter(detections)
+    def __init__(self, detections: Iterable[Detection], folder: Path | None) -> None:
+        """Take all detections at once; folder: as `_Spool` has it."""
+        super().__init__(folder)
+        self.count, source = 0, iter(detections)
         while some := list(itertools.islice(source, AT_ONCE)):
-            rows = np.empty(len(some), dtype=ROW)
-            for i, d in enumerate(some):
-                camera = self._cameras.setdefault(d.camera, len(self._cameras))
-                rows[i] = camera, d.t, d.tag_id, d.corners, d.corner_cov, d.hamming, d.margin
-            file.write(rows.tobytes())
+            pickle.dump(some, self._file)
             self.count += len(some)
+        self._end = self._file.tell()
 
     def __iter__(self) -> Iterator[Detection]:
         """The detections, from the first."""
-        names = list(self._cameras)
-        for first in range(0, self.count, AT_ONCE):
-            self._file.seek(first * ROW.itemsize)
-            rows = np.frombuffer(self._file.read(min(AT_ONCE, self.count - first) * ROW.itemsize), dtype=ROW)
-            for camera, t, tag_id, corners, cov, hamming, margin in rows:
-                yield Detection(
-                    names[camera], float(t), int(tag_id), corners.copy(), cov.copy(), int(hamming), float(margin)
-                )
+        at = 0
+        while at < self._end:
+            self._file.seek(at)
+            some = pickle.load(self._file)
+            at = self._file.tell()
+            yield from some
 
 
-class PoseSpool:
-    """The stretches of a track, one after another, in a file; see `pose_spool`."""
+class PoseSpool(_Spool):
+    """The stretches of a track, one after another, in a temporary file. Use it as a context."""
 
-    def __init__(self, file: BinaryIO) -> None:
-        """Keep a track in an open file."""
-        self._file = file
+    def __init__(self, folder: Path) -> None:
+        """Keep a track in a file in a folder."""
+        super().__init__(folder)
         self._shape: tuple[str, int, int] | None = None
         self._t: list[np.ndarray] = []
 

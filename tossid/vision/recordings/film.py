@@ -56,9 +56,6 @@ class FilmIndex:
 def index_film(path: Path) -> FilmIndex:
     """Count a film's frames by reading it through: what its header says may be a guess, or miss.
 
-    Args:
-        path: The film.
-
     Returns:
         Its frames, less those that the container hides (an edit list's).
 
@@ -104,10 +101,6 @@ class FilmDecoder:
 
     def __init__(self, index: FilmIndex, *, turns: int) -> None:
         """Open a film at its beginning.
-
-        Args:
-            index: The film.
-            turns: Quarter turns, counterclockwise, that its images are given.
 
         Raises:
             FileError: It cannot be read any more.

@@ -16,7 +16,7 @@ from tossid import budget
 from tossid.errors import FileError
 from tossid.types import Frame, OnDemand
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.recordings.image_header import Pixels, grey_pixels
+from tossid.vision.recordings.image_decoding import Pixels, grey_pixels
 from tossid.vision.recordings.times import LATEST_NS
 from tossid.vision.setup.calibration import read_cameras
 from tossid.vision.setup.layout import TagLayout

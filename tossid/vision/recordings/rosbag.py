@@ -1,4 +1,4 @@
-"""ROS 1 and ROS 2 bags opened without ROS, by the `rosbags` library.
+"""ROS 1 and ROS 2 bags without ROS: their files found and unpacked, and their messages (by the `rosbags` library).
 
 A bag is a `.bag` file, plain or packed (`.bag.bz2`, `.bag.gz`), or a ROS 2 bag: its folder, or a single `.mcap`.
 A bag whose recorder was killed is read as far as it is whole, and its `problems` say so: a ROS 1 bag or an MCAP that
@@ -14,7 +14,7 @@ import shutil
 import sqlite3
 import tempfile
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from types import TracebackType
@@ -22,31 +22,23 @@ from typing import Any
 
 import cv2
 import numpy as np
-from rosbags.highlevel import AnyReader
-from rosbags.interfaces import Connection
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from tossid import budget
-from tossid.errors import FileError, InputError
-from tossid.vision.recordings.image_header import Pixels, grey_pixels
-from tossid.vision.recordings.rosbag_budget import (
-    ZSTD_MAGIC,
-    TooLarge,
-    ZstdError,
-    check_definitions,
-    check_parts,
-    copy_within,
-    forget_excess,
-    missing_metadata,
-    open_zstd,
-    unpack_zstd,
-)
-from tossid.vision.recordings.rosbag_rescue import Rescue, RescuedMcap, whole_words
+from tossid.errors import FileError, InputError, brief
+from tossid.vision.recordings.bag_records import ZSTD_MAGIC, Storage, Topic, open_storage, unpack, zstd
+from tossid.vision.recordings.image_decoding import Pixels, grey_pixels
+from tossid.yaml_files import read_yaml
 
 SUFFIXES = (".bag", ".mcap", ".db3", ".bag.bz2", ".bag.gz")
 PARTS = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
-PACKED: dict[str, Callable[[Path], Any]] = {".bz2": bz2.BZ2File, ".gz": gzip.GzipFile, ".zstd": open_zstd}
+PACKED: dict[str, Callable[[Path], Any]] = {".bz2": bz2.BZ2File, ".gz": gzip.GzipFile, ".zstd": zstd.open}
+_AT_ONCE = 1 << 20
+"""Bytes that are unpacked at once."""
+_NESTED = 50
+"""Messages inside one another."""
 
 APRILTAG_MSGS = {
     "apriltag_msgs/msg/ApriltagArrayStamped": "std_msgs/Header header\nApriltag[] apriltags\n",
@@ -130,10 +122,8 @@ class Bag:
         self.types: dict[str, str] = {}
         self.problems: list[str] = []
         self._stack = ExitStack()
-        self._reader: AnyReader | None = None
-        self._rescued: Rescue | None = None
-        self._bare = ""
-        """what its metadata lack"""
+        self._storages: list[Storage] = []
+        self._readers: dict[Topic, Callable[[bytes], Any]] = {}
 
     def __enter__(self) -> Bag:
         """Open the bag.
@@ -141,36 +131,23 @@ class Bag:
         Raises:
             FileError: It is no bag, or so damaged that nothing can be read.
         """
-        forget_excess()
         try:
-            plain = self._unpacked(self.path)
-            if plain.suffix != ".bag" or plain.is_dir():
-                reader = AnyReader(self._parts(plain), default_typestore=typestore())
-                self._reader = self._stack.enter_context(reader)
-                self._say_what_is_whole(self._reader)
-            else:
-                try:
-                    self._reader = self._stack.enter_context(AnyReader([plain]))
-                except Exception as error:  # as below
-                    self._rescued = Rescue(plain)
-                    if not self._rescued.types():
-                        raise FileError(self.path, f"is not a bag that can be read ({_said(error)})") from error
-            if self._reader is not None:
-                check_definitions(self._reader.typestore.fielddefs)
-                self.types = {c.topic.lstrip("/"): c.msgtype for c in self._reader.connections}
-            elif self._rescued is not None:
-                self.types = self._rescued.types()
-                self.problems.append(f"{self.path} breaks off before its end: {self._rescued.found}")
-        except Exception as error:  # of a damaged bag, rosbags raises whatever it comes across, MemoryError among it
+            lacks = missing_metadata(self.path) if self.path.is_dir() else None
+            for part in bag_parts(self.path) if self.path.is_dir() else [self.path]:
+                file = self._settled(self._unpacked(part))
+                storage = open_storage(file)
+                self._storages.append(storage)
+                self.types |= {topic.name: topic.kind for topic in storage.topics.values()}
+                whole = f"{storage.count} messages are whole"
+                whole += f", the last of {storage.last_ns * 1e-9:.3f} s" if storage.count else ""
+                if storage.is_cut:
+                    self.problems.append(f"{part} breaks off before its end: {whole}")
+                elif lacks and file.suffix == ".db3":  # an MCAP tells by itself whether it is whole
+                    self.problems.append(f"{self.path} {lacks}: {whole}")
+        except BaseException as error:
             self._stack.close()
             if isinstance(error, FileError):
-                raise
-            if isinstance(error, TooLarge):
-                raise FileError(self.path, str(error)) from error
-            lost = f"; {self.problems[0]}" if self.problems else ""
-            raise FileError(self.path, f"is not a bag that can be read ({_said(error)}{lost})") from error
-        except BaseException:
-            self._stack.close()
+                raise FileError(self.path, "; ".join([error.problem, *self.problems])) from error
             raise
         return self
 
@@ -179,18 +156,6 @@ class Bag:
     ) -> None:
         """Close the bag."""
         self._stack.close()
-
-    def _parts(self, plain: Path) -> list[Path]:
-        """A ROS 2 bag as `rosbags` opens it: its folder, or its files where metadata are missing or not whole."""
-        if plain.is_file():
-            return [self._settled(plain)]
-        parts = bag_parts(plain)
-        lacks = missing_metadata(plain, [part.name for part in parts])
-        if lacks is None or not parts:
-            check_parts(plain)
-            return [plain]
-        self._bare = f"{self.path} {lacks}"
-        return [self._settled(self._unpacked(part)) for part in parts]
 
     def _settled(self, part: Path) -> Path:
         """A database with what a killed recorder left in SQLite's files beside it: a copy, where there are such."""
@@ -208,41 +173,32 @@ class Bag:
             raise FileError(part, f"does not go with {left[0].name}: {error}") from error
         return folder / part.name
 
-    def _say_what_is_whole(self, reader: AnyReader) -> None:
-        inner: list[Any] = [one.storage for one in reader.readers]  # type: ignore[union-attr]
-        storages = [part for storage in inner for part in getattr(storage, "storages", [storage])]
-        cut = [storage for storage in storages if getattr(storage, "found", None)]
-        self.problems += [f"{storage.path} breaks off before its end: {storage.found}" for storage in cut]
-        # an MCAP tells by itself whether it is whole
-        if self._bare and not all(isinstance(storage, RescuedMcap) for storage in storages):
-            self.problems.append(f"{self._bare}: {whole_words(reader.message_count, reader.end_time - 1)}")
-
     def _unpacked(self, path: Path) -> Path:
-        """A bag as a plain file or folder; a packed one is unpacked to a temporary file."""
-        size = None if path.is_dir() else budget.regular_size(path)
-        if size is None or path.suffix not in PACKED:
+        """A file of a bag as it is, or unpacked to a temporary file."""
+        size = budget.regular_size(path)
+        if path.suffix not in PACKED:
             return path
         folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory(prefix="tossid-bag-")))
-        plain = folder / path.stem
+        plain, limit = folder / path.stem, budget.unpacked_allowance(size)
         with plain.open("wb") as out:
             try:
                 with PACKED[path.suffix](path) as packed:
-                    copy_within(packed, out, budget.unpacked_allowance(size))
+                    while some := packed.read(_AT_ONCE):
+                        out.write(some)
+                        budget.check_claim(path, "bytes when unpacked", out.tell(), limit)
             except EOFError:
                 self.problems.append(f"{path} is packed, and breaks off before its end")
-            except TooLarge as error:
-                raise FileError(path, str(error)) from error
-            except (OSError, zlib.error, ZstdError) as error:
+            except (OSError, zlib.error, zstd.ZstdError) as error:
                 raise FileError(path, f"cannot be unpacked: {error}") from error
         return plain
 
-    def messages(self, topics: Sequence[str], *, start: int | None = None, stop: int | None = None) -> Iterator[Any]:
+    def messages(self, topics: Sequence[str], *, start: int = 0, stop: int = 2**63 - 1) -> Iterator[Any]:
         """The messages of some topics, in order of recording.
 
         Args:
             topics: Without a leading "/".
-            start: First time of recording [ns]; None for the bag's.
-            stop: Time of recording [ns] before which it ends; None for the bag's end.
+            start: First time of recording [ns].
+            stop: Time of recording [ns] before which it ends.
 
         Yields:
             Topic, time of recording [ns], message.
@@ -251,22 +207,80 @@ class Bag:
             FileError: The bag is damaged there.
         """
         try:
-            if self._rescued is not None:
-                for topic, t_ns, message in self._rescued.messages(topics):
-                    if (start is None or t_ns >= start) and (stop is None or t_ns < stop):
-                        yield topic, t_ns, message
-                return
-            assert self._reader is not None
-            chosen: list[Connection] = [c for c in self._reader.connections if c.topic.lstrip("/") in topics]
-            if chosen:
-                for connection, t_ns, raw in self._reader.messages(chosen, start=start, stop=stop):
-                    if self._reader.is2 and raw[:4] == ZSTD_MAGIC:  # as missing metadata would say
-                        raw = unpack_zstd(raw)
-                    yield connection.topic.lstrip("/"), t_ns, self._reader.deserialize(raw, connection.msgtype)
-        except TooLarge as error:
-            raise FileError(self.path, str(error)) from error
-        except Exception as error:
+            for storage in self._storages:
+                chosen = {number: topic for number, topic in storage.topics.items() if topic.name in topics}
+                for message in storage.messages(chosen, start, stop) if chosen else ():
+                    topic, data = chosen[message.topic], message.data
+                    if data[:4] == ZSTD_MAGIC:  # a database may pack each of its messages
+                        data = unpack(self.path, "zstd", data)
+                    yield topic.name, message.t_ns, self._reader(topic)(data)
+        except FileError as error:
+            raise FileError(self.path, error.problem) from error
+        except Exception as error:  # of damaged content, rosbags raises whatever it comes across
             raise FileError(self.path, f"is damaged: {_said(error)}; record or copy it again") from error
+
+    def _reader(self, topic: Topic) -> Callable[[bytes], Any]:
+        """What makes messages of a topic's data: by the bag's own definition of their type, if it has one."""
+        if topic not in self._readers:
+            store = get_typestore(Stores.EMPTY) if topic.definition else typestore()
+            if topic.definition:
+                store.register(get_types_from_msg(topic.definition, topic.kind))
+                _check_definitions(self.path, store.fielddefs)
+            read = store.deserialize_ros1 if topic.encoding == "ros1" else store.deserialize_cdr
+            self._readers[topic] = lambda data: read(data, topic.kind)
+        return self._readers[topic]
+
+
+def missing_metadata(folder: Path) -> str | None:
+    """What a ROS 2 bag's metadata.yaml lacks, None where it names topics and all of the folder's files.
+
+    Raises:
+        FileError: It names a file that is not there.
+    """
+    file, parts = folder / "metadata.yaml", {part.name.removesuffix(".zstd") for part in bag_parts(folder)}
+    if not file.is_file():
+        return "has no metadata.yaml"
+    try:
+        about = read_yaml(file).get("rosbag2_bagfile_information")
+    except FileError:
+        about = None
+    if not isinstance(about, dict) or not about.get("topics_with_message_count"):
+        return "has a metadata.yaml that names no topics"
+    names = about.get("relative_file_paths")
+    named = {Path(str(name)).name.removesuffix(".zstd") for name in names} if isinstance(names, list) else set()
+    if named - parts:
+        raise FileError(file, f"names {brief(min(named - parts))}, which is not there")
+    return f"has a metadata.yaml that does not name {min(parts - named)}" if parts - named else None
+
+
+def _check_definitions(path: Path, types: Mapping[str, Any]) -> None:
+    """Refuse messages whose definition alone asks for too much, before code is made from it.
+
+    A few bytes can announce billions of items that take none; and each item that is no plain number is an object.
+    """
+    for name in types:
+        items, _ = _cost(path, types, (Nodetype.NAME, name), 0)
+        what = f"items in a message of type {brief(name)}"
+        budget.check_claim(path, what, items, budget.limits().message_items)
+
+
+def _cost(path: Path, types: Mapping[str, Any], node: tuple[Any, Any], depth: int) -> tuple[int, int]:
+    """Items that a field makes for itself, and least bytes that it takes."""
+    kind, about = node
+    if depth > _NESTED:
+        raise FileError(path, f"a message holds others more than {_NESTED} deep")
+    if kind == Nodetype.BASE:
+        return (1, 4) if about[0] in ("string", "wstring") else (0, 1)
+    if kind == Nodetype.NAME:
+        if about not in types:
+            return 0, 1
+        fields = [_cost(path, types, field, depth + 1) for _, field in types[about][1]]
+        return 1 + sum(items for items, _ in fields), sum(least for _, least in fields)
+    inner, count = about
+    items, least = _cost(path, types, inner, depth + 1)
+    if not least:
+        raise FileError(path, "a message claims a list of messages that hold nothing")
+    return (count * items, count * least) if kind == Nodetype.ARRAY else (items, 4)
 
 
 def _said(error: Exception) -> str:
@@ -276,11 +290,6 @@ def _said(error: Exception) -> str:
 @contextmanager
 def as_defined(path: Path, where: str, message: Any) -> Iterator[None]:
     """A block that reads a message's fields, as the bag's own definition of its type has them.
-
-    Args:
-        path: The bag, for the error.
-        where: The topic, for the error.
-        message: What is read.
 
     Raises:
         FileError: The fields are not those of a type by that name, or hold what cannot be used.
@@ -304,10 +313,6 @@ def stamp(message: Any, t_ns: int) -> int:
 
 def grey_image(path: Path, message: Any) -> Pixels:
     """A sensor_msgs Image or CompressedImage as a grey image (height, width) of 8 or 16 bits.
-
-    Args:
-        path: The bag, for the error.
-        message: The message.
 
     Raises:
         FileError: the image claims too many pixels.

@@ -70,10 +70,6 @@ class TimesFile:
     def times(self, n_frames: int, what: str) -> NDArray[np.int64]:
         """The times [ns] of so many frames, one a line.
 
-        Args:
-            n_frames: How many there are.
-            what: What they are, with their number.
-
         Raises:
             FileError: There is another number of lines, or the times are no camera's.
         """
@@ -147,9 +143,6 @@ def read_times(path: Path) -> TimesFile:
     Columns stand between commas, semicolons, tabs or blanks. A header, as a comment (`#`) or not, may name them and the
     unit (`frame,time [ms]`); that of mkvextract means milliseconds. Without one, times are seconds or whole
     nanoseconds. Times that were rounded to a decimal, and lie on an even grid within that, are put on the grid.
-
-    Args:
-        path: Text, UTF-8 or with a byte order mark.
 
     Returns:
         Names and times of its lines, which `check_rate` has not seen yet.

@@ -95,20 +95,15 @@ def cast(
         prints: What is on them.
         optics: Shutter, lens and lamp.
     """
-    x0, y0 = origin
     planes, front, edges, n_edges, boxes = faces
     paper, ink, face_tags, tag_map, bitmaps = prints
-    shutter, lens, gloss, lamp = optics
-    height, width = canvas.shape
-    n_samples, n_times, n_faces = samples.shape[0], planes.shape[0], planes.shape[1]
-    cells = bitmaps.shape[1]
-    row_rate, span = shutter
-    radius, focus = lens
-    strength, exponent = gloss
-    near = np.empty(n_faces, dtype=np.int64)
-    for row in range(height):
-        for column in range(width):
-            gx, gy = x0 + column, y0 + row
+    (row_rate, span), (radius, focus), gloss, lamp = optics
+    n_times, n_faces = planes.shape[0], planes.shape[1]
+    near, shift = np.empty(n_faces, dtype=np.int64), np.empty(5)
+    for row in range(canvas.shape[0]):
+        for column in range(canvas.shape[1]):
+            gx, gy = origin[0] + column, origin[1] + row
+            # the ray through (fx, fy) of the pixel is a + fx b + fy c + fx fy d
             ax, ay = rays[gy, gx, 0], rays[gy, gx, 1]
             bx, by = rays[gy, gx + 1, 0] - ax, rays[gy, gx + 1, 1] - ay
             cx, cy = rays[gy + 1, gx, 0] - ax, rays[gy + 1, gx, 1] - ay
@@ -122,85 +117,90 @@ def cast(
                     n_near += 1
             if n_near == 0:
                 continue
-            h = np.uint32(gx) * np.uint32(73856093) ^ np.uint32(gy) * np.uint32(19349663) ^ np.uint32(seed)
-            h = (h ^ (h >> np.uint32(16))) * np.uint32(0x45D9F3B)
-            h = (h ^ (h >> np.uint32(16))) * np.uint32(0x45D9F3B)
-            h = h ^ (h >> np.uint32(16))
-            shift_x = (h & np.uint32(1023)) / 1024.0
-            shift_y = ((h >> np.uint32(10)) & np.uint32(1023)) / 1024.0
-            shift_t = ((h >> np.uint32(20)) & np.uint32(1023)) / 1024.0
-            h = (h ^ (h >> np.uint32(15))) * np.uint32(0x2C1B3C6D)
-            h = h ^ (h >> np.uint32(13))
-            shift_r = (h & np.uint32(1023)) / 1024.0
-            shift_a = ((h >> np.uint32(10)) & np.uint32(1023)) / 1024.0
-            behind = float(canvas[row, column])
+            _shifts(gx, gy, seed, shift)
             total = 0.0
-            for s in range(n_samples):
-                fx = samples[s, 0] + shift_x
-                if fx >= 1.0:
-                    fx -= 1.0
-                fy = samples[s, 1] + shift_y
-                if fy >= 1.0:
-                    fy -= 1.0
-                ft = samples[s, 2] + shift_t
-                if ft >= 1.0:
-                    ft -= 1.0
-                time = min(int(gy * row_rate + ft * span), n_times - 1)
+            for s in range(len(samples)):
+                fx, fy = _wrapped(samples[s, 0] + shift[0]), _wrapped(samples[s, 1] + shift[1])
+                time = min(int(gy * row_rate + _wrapped(samples[s, 2] + shift[2]) * span), n_times - 1)
                 x = ax + fx * bx + fy * (cx + fx * dx)
                 y = ay + fx * by + fy * (cy + fx * dy)
                 ox, oy = 0.0, 0.0
                 if radius > 0:
-                    fr = samples[s, 3] + shift_r
-                    fa = samples[s, 4] + shift_a
-                    far = radius * np.sqrt(fr - np.floor(fr))
-                    ox, oy = far * np.cos(2 * np.pi * fa), far * np.sin(2 * np.pi * fa)
-                nearest = np.inf
-                level = behind
+                    far = radius * np.sqrt(_wrapped(samples[s, 3] + shift[3]))
+                    turn = 2 * np.pi * _wrapped(samples[s, 4] + shift[4])
+                    ox, oy = far * np.cos(turn), far * np.sin(turn)
+                nearest, level = np.inf, float(canvas[row, column])
                 for n in range(n_near):
                     f = near[n]
                     if not front[time, f]:
                         continue
-                    xf, yf = x, y
-                    if radius > 0:
-                        p = planes[time, f]
-                        slope = p[0] * (x - ox / focus) + p[1] * (y - oy / focus) + p[2]
-                        if slope >= 0:
-                            continue
-                        z = (p[3] - p[0] * ox - p[1] * oy) / slope
-                        if z <= 0:
-                            continue
-                        xf, yf = x + ox * (1 / z - 1 / focus), y + oy * (1 / z - 1 / focus)
-                    inside = True
-                    for k in range(n_edges[f]):
-                        if edges[time, f, k, 0] * xf + edges[time, f, k, 1] * yf + edges[time, f, k, 2] > 0:
-                            inside = False
-                            break
-                    if not inside:
-                        continue
-                    slope = planes[time, f, 0] * xf + planes[time, f, 1] * yf + planes[time, f, 2]
-                    if slope >= 0:
-                        continue
-                    z = planes[time, f, 3] / slope
+                    p = planes[time, f]
+                    z, xf, yf = _meet(p, edges[time, f], n_edges[f], x, y, ox, oy, focus)
                     if z >= nearest:
                         continue
-                    nearest = z
-                    level = paper[f]
-                    if face_tags[f, 1] == 0:
+                    nearest, level = z, paper[f]
+                    first, count = face_tags[f]
+                    if count == 0:
                         continue
-                    p = planes[time, f]
                     u = z * (p[4] * xf + p[5] * yf + p[6]) - p[7]
                     v = z * (p[8] * xf + p[9] * yf + p[10]) - p[11]
-                    for m in range(face_tags[f, 0], face_tags[f, 0] + face_tags[f, 1]):
-                        i = tag_map[m, 0, 0] * u + tag_map[m, 0, 1] * v + tag_map[m, 0, 2]
-                        j = tag_map[m, 1, 0] * u + tag_map[m, 1, 1] * v + tag_map[m, 1, 2]
-                        if 0 <= i < cells and 0 <= j < cells:
-                            if bitmaps[m, int(j), int(i)] == 0:
-                                level = ink[f]
-                            break
-                    if strength > 0:
-                        level += strength * _highlight(xf, yf, z, p, lamp) ** exponent
+                    if _is_inked(u, v, tag_map[first : first + count], bitmaps[first : first + count]):
+                        level = ink[f]
+                    if gloss[0] > 0:
+                        level += gloss[0] * _highlight(xf, yf, z, p, lamp) ** gloss[1]
                 total += level
-            canvas[row, column] = total / n_samples
+            canvas[row, column] = total / len(samples)
+
+
+@kernel
+def _shifts(x: int, y: int, seed: int, out: Array) -> None:
+    """Fill in how far a pixel's lattice is shifted in each of its five dimensions, in [0, 1): a hash of its place."""
+    h = np.uint32(x) * np.uint32(73856093) ^ np.uint32(y) * np.uint32(19349663) ^ np.uint32(seed)
+    h = (h ^ (h >> np.uint32(16))) * np.uint32(0x45D9F3B)
+    h = (h ^ (h >> np.uint32(16))) * np.uint32(0x45D9F3B)
+    h = h ^ (h >> np.uint32(16))
+    for k in range(3):
+        out[k] = ((h >> np.uint32(10 * k)) & np.uint32(1023)) / 1024.0
+    h = (h ^ (h >> np.uint32(15))) * np.uint32(0x2C1B3C6D)
+    h = h ^ (h >> np.uint32(13))
+    for k in range(2):
+        out[3 + k] = ((h >> np.uint32(10 * k)) & np.uint32(1023)) / 1024.0
+
+
+@kernel
+def _wrapped(value: float) -> float:
+    """A value in [0, 2) brought into [0, 1)."""
+    return value - 1.0 if value >= 1.0 else value
+
+
+@kernel
+def _meet(
+    p: Array, edges: Array, n_edges: int, x: float, y: float, ox: float, oy: float, focus: float
+) -> tuple[float, float, float]:
+    """Where a ray meets a face: its depth, infinite where it does not, and the point's normalised coordinates."""
+    if ox != 0.0 or oy != 0.0:
+        slope = p[0] * (x - ox / focus) + p[1] * (y - oy / focus) + p[2]
+        z = (p[3] - p[0] * ox - p[1] * oy) / slope if slope < 0 else -1.0
+        if z <= 0:
+            return np.inf, x, y
+        x, y = x + ox * (1 / z - 1 / focus), y + oy * (1 / z - 1 / focus)
+    for k in range(n_edges):
+        if edges[k, 0] * x + edges[k, 1] * y + edges[k, 2] > 0:
+            return np.inf, x, y
+    slope = p[0] * x + p[1] * y + p[2]
+    return (p[3] / slope if slope < 0 else np.inf), x, y
+
+
+@kernel
+def _is_inked(u: float, v: float, tag_map: Array, bitmaps: NDArray[np.uint8]) -> bool:
+    """Whether a point of a face (in its plane) lies on black of one of its tags."""
+    cells = bitmaps.shape[1]
+    for m in range(len(tag_map)):
+        i = tag_map[m, 0, 0] * u + tag_map[m, 0, 1] * v + tag_map[m, 0, 2]
+        j = tag_map[m, 1, 0] * u + tag_map[m, 1, 1] * v + tag_map[m, 1, 2]
+        if 0 <= i < cells and 0 <= j < cells:
+            return bitmaps[m, int(j), int(i)] == 0
+    return False
 
 
 @kernel
@@ -236,18 +236,7 @@ def visible_shares(faces: Faces, spots: Array, face: NDArray[np.int64], shares: 
                 x, y = spots[m, s, 0] / z, spots[m, s, 1] / z
                 hidden = False
                 for f in range(len(front)):
-                    if f == face[m] or not front[f]:
-                        continue
-                    inside = True
-                    for k in range(n_edges[f]):
-                        if edges[f, k, 0] * x + edges[f, k, 1] * y + edges[f, k, 2] > 0:
-                            inside = False
-                            break
-                    if not inside:
-                        continue
-                    slope = planes[f, 0] * x + planes[f, 1] * y + planes[f, 2]
-                    if slope < 0 and planes[f, 3] / slope < z - 1e-9:
-                        hidden = True
-                        break
+                    if f != face[m] and front[f]:
+                        hidden |= _meet(planes[f], edges[f], n_edges[f], x, y, 0.0, 0.0, 1.0)[0] < z - 1e-9
                 open_spots += not hidden
         shares[m] = open_spots / spots.shape[1]

@@ -10,13 +10,17 @@ from numpy.typing import NDArray
 
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_exp, quat_mul, rotvec_to_matrix
-from tossid.settings.rendering import HandSettings
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.setup.faces import Face, plane_axes
 
 Array = NDArray[np.float64]
 
-DEFAULT = HandSettings()
+SKIN, SLEEVE = 150.0, 70.0
+"""Grey levels of the hand and of the forearm at full light."""
+APPROACH_TIME, ACCELERATION = 0.2, 12.0
+"""Time that the hand takes to come or go [s], and the upward acceleration with which it leaves the object [m/s²]."""
+SWEEP_DISTANCE, SWEEP_SPEED = 0.22, 2.2
+"""Distance from the object at which it passes through a view [m], and its speed there [m/s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,15 +40,10 @@ class Reach:
     camera: str | None = None
 
 
-def hand_faces(model: ObjectModel, *, body: int, settings: HandSettings = DEFAULT) -> tuple[tuple[Face, ...], Array]:
+def hand_faces(model: ObjectModel, *, body: int) -> tuple[tuple[Face, ...], Array]:
     """A palm, fingers and a forearm around an object's base, made of boxes, and their grey levels.
 
     The hand's frame is at the middle of its grip, z toward the arm.
-
-    Args:
-        model: The object that it holds.
-        body: Number of the body that its faces carry.
-        settings: Its grey levels.
 
     Returns:
         Its faces (f), and their grey levels (f,) at full light.
@@ -55,12 +54,12 @@ def hand_faces(model: ObjectModel, *, body: int, settings: HandSettings = DEFAUL
     tilt = np.array([0.0, -0.5, 0.0])  # the forearm leans away from the fingers
     arm = np.array([0.0, 0.0, r + 0.03]) + rotvec_to_matrix(tilt) @ [0.0, 0.0, 0.17]
     boxes = [
-        ([0.0, 0.0, r + 0.015], [2 * r + 0.02, 0.085, 0.03], np.zeros(3), settings.skin),
-        ([r + 0.01, -0.03, 0.25 * r], [0.018, 0.02, 1.5 * r], np.zeros(3), settings.skin),
-        ([r + 0.01, 0.0, 0.2 * r], [0.018, 0.02, 1.6 * r], np.zeros(3), settings.skin),
-        ([r + 0.01, 0.03, 0.3 * r], [0.018, 0.02, 1.4 * r], np.zeros(3), settings.skin),
-        ([-r - 0.01, 0.01, 0.35 * r], [0.02, 0.024, 1.3 * r], np.zeros(3), settings.skin),
-        (arm, [0.07, 0.08, 0.34], tilt, settings.sleeve),
+        ([0.0, 0.0, r + 0.015], [2 * r + 0.02, 0.085, 0.03], np.zeros(3), SKIN),
+        ([r + 0.01, -0.03, 0.25 * r], [0.018, 0.02, 1.5 * r], np.zeros(3), SKIN),
+        ([r + 0.01, 0.0, 0.2 * r], [0.018, 0.02, 1.6 * r], np.zeros(3), SKIN),
+        ([r + 0.01, 0.03, 0.3 * r], [0.018, 0.02, 1.4 * r], np.zeros(3), SKIN),
+        ([-r - 0.01, 0.01, 0.35 * r], [0.02, 0.024, 1.3 * r], np.zeros(3), SKIN),
+        (arm, [0.07, 0.08, 0.34], tilt, SLEEVE),
     ]
     faces, levels = [], []
     for center, size, turn, level in boxes:
@@ -89,7 +88,6 @@ def hand_poses(
     sweeps: float,
     cameras: Sequence[Camera],
     rng: np.random.Generator,
-    settings: HandSettings = DEFAULT,
 ) -> tuple[Array, tuple[Reach, ...]]:
     """Where the hand is in each frame, and when there is one.
 
@@ -107,7 +105,6 @@ def hand_poses(
         sweeps: Share of the tosses with a hand that sweeps, 0 to 1.
         cameras: Whose views a hand may sweep through.
         rng: Source of directions, times and cameras.
-        settings: How fast and how near the hand moves.
 
     Returns:
         (n, 7) position [m] and quaternion, NaN where there is none; its stretches in order of time.
@@ -119,10 +116,10 @@ def hand_poses(
         sweeping, share = rng.random() < sweeps, rng.random()
         camera = cameras[int(rng.integers(len(cameras)))]
         if holds:
-            before = np.flatnonzero((t > t[begin] - settings.approach_time) & (t < t[begin]))
-            after = np.flatnonzero((t >= t[let_go]) & (t < t[let_go] + settings.approach_time))
+            before = np.flatnonzero((t > t[begin] - APPROACH_TIME) & (t < t[begin]))
+            after = np.flatnonzero((t >= t[let_go]) & (t < t[let_go] + APPROACH_TIME))
             v = (q[let_go, :3] - q[let_go - 1, :3]) / (t[let_go] - t[let_go - 1])
-            up = np.array([0.0, 0.0, 0.5 * settings.acceleration])
+            up = np.array([0.0, 0.0, 0.5 * ACCELERATION])
             poses[before, :3] = q[begin, :3] + up * ((t[before] - t[begin]) ** 2)[:, None]
             poses[begin:let_go, :3] = q[begin:let_go, :3]
             s = (t[after] - t[let_go])[:, None]
@@ -131,26 +128,22 @@ def hand_poses(
             reaches.append(Reach("holds", float(t[begin - len(before)]), float(t[let_go + len(after) - 1])))
         if sweeping:
             middle = int(let_go + share * (end - let_go))
-            poses, reach = _sweep(
-                poses, t, q[middle, :3], t[middle], t[let_go] + settings.approach_time, camera, settings
-            )
+            poses, reach = _sweep(poses, t, q[middle, :3], t[middle], t[let_go] + APPROACH_TIME, camera)
             reaches.append(reach)
     return poses, tuple(sorted(reaches, key=lambda reach: reach.t0))
 
 
-def _sweep(
-    poses: Array, t: Array, at: Array, when: float, earliest: float, camera: Camera, settings: HandSettings
-) -> tuple[Array, Reach]:
+def _sweep(poses: Array, t: Array, at: Array, when: float, earliest: float, camera: Camera) -> tuple[Array, Reach]:
     """A hand passes a point on its way to a camera, crosswise to that; not before the time that it let go at."""
     toward = camera.T_world_cam[:3, 3] - at
     toward /= np.linalg.norm(toward)
     across = np.cross([0.0, 0.0, 1.0], toward)
     across /= np.linalg.norm(across)
-    own = np.flatnonzero((np.abs(t - when) < 0.45 / settings.sweep_speed) & (t >= earliest))
+    own = np.flatnonzero((np.abs(t - when) < 0.45 / SWEEP_SPEED) & (t >= earliest))
     if not len(own):
         return poses, Reach("sweeps", when, when, camera.name)
-    way = settings.sweep_speed * (t[own] - when)
-    poses[own, :3] = at + settings.sweep_distance * toward + way[:, None] * across
+    way = SWEEP_SPEED * (t[own] - when)
+    poses[own, :3] = at + SWEEP_DISTANCE * toward + way[:, None] * across
     # the arm points the way it comes from
     along = np.array([across[0], across[1], 0.0])
     turn = quat_mul(quat_exp([0.0, 0.0, np.arctan2(along[1], along[0])]), quat_exp([0.0, -np.pi / 2, 0.0]))

@@ -30,6 +30,12 @@ Image = NDArray[np.uint8]
 
 
 DEFAULT_IMAGES = RenderSettings()
+LIGHT = np.array([0.3, 0.2, 1.0]) / np.linalg.norm([0.3, 0.2, 1.0])
+"""Direction that light comes from, world frame."""
+LAMP = 2.0
+"""Distance of the lamp from the origin [m]."""
+BLACK, GROUND = 18.0, 110.0
+"""Grey levels of ink and of the ground at full light."""
 
 
 class Renderer:
@@ -52,7 +58,7 @@ class Renderer:
         self.settings = settings
         self.cameras = {camera.name: camera for camera in cameras}
         own = object_faces(model)
-        hand, levels = hand_faces(model, body=model.n_bodies, settings=settings.hand)
+        hand, levels = hand_faces(model, body=model.n_bodies)
         self._n_own, self._faces = len(own), (*own, *hand)
         self._axes = [plane_axes(face.normal) for face in self._faces]
         self._white = np.concatenate([np.full(len(own), settings.white), levels])
@@ -86,11 +92,10 @@ class Renderer:
     def _empty(self, camera: Camera) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """The scene without the object, before and after the lens's blur."""
         settings = self.settings
-        light = np.asarray(settings.light, dtype=float)
         sharp = backdrop(
             camera,
-            levels=(settings.ground, 0.5 * settings.ground, settings.white, settings.black),
-            light=settings.ambient + (1 - settings.ambient) * max(light[2], 0.0) / float(np.linalg.norm(light)),
+            levels=(GROUND, 0.5 * GROUND, settings.white, BLACK),
+            light=settings.ambient + (1 - settings.ambient) * LIGHT[2],
             lens=settings.lens,
             samples=self._samples,
             texture=settings.texture,
@@ -172,10 +177,6 @@ class Renderer:
     def visible(self, exposure: Exposure, camera: str) -> Array:
         """The visible share of each tag halfway through an exposure.
 
-        Args:
-            exposure: Where things are while it is exposed.
-            camera: Name of the camera.
-
         Returns:
             (m,) in the order of the model's tags: the share that faces the camera, lies in its image and is hidden by
             nothing.
@@ -249,25 +250,23 @@ class Renderer:
         faces = self._seen_from(cam, position, quat, count)
         if settings.aperture > 0:  # a face seen edge-on from the lens's middle is not so from all of it
             faces = faces._replace(front=faces.planes[..., 3] < settings.lens[0])
-        light = np.asarray(settings.light, dtype=float)
-        shade = self._shade(quat[len(quat) // 2], light, count)
+        shade = self._shade(quat[len(quat) // 2], count)
         seed = int(rng.integers(2**31)) if isinstance(rng, np.random.Generator) else 0
         prints = Prints(
             self._white[:count] * shade,
-            settings.black * shade,
+            BLACK * shade,
             self._face_tags[:count],
             self._tag_map,
             self._bitmaps,
         )
-        lamp = transform_points(cam.T_cam_world, settings.lamp * light[None] / np.linalg.norm(light))[0]
+        lamp = transform_points(cam.T_cam_world, LAMP * LIGHT[None])[0]
         optics = Optics(exposure.rows, settings.lens, (settings.glare * settings.white, settings.gloss), lamp)
         cast(canvas, (x0, y0), cam.rays, self._samples, seed, faces, prints, optics)
 
-    def _shade(self, quat: Array, light: Array, count: int) -> Array:
+    def _shade(self, quat: Array, count: int) -> Array:
         """Lambert's law with ambient light. (n_b, 4) -> (f,)."""
-        light = light / np.linalg.norm(light)
         normals = np.stack([quat_rotate(quat[face.body], face.normal) for face in self._faces[:count]])
-        return self.settings.ambient + (1 - self.settings.ambient) * np.clip(normals @ light, 0, 1)
+        return self.settings.ambient + (1 - self.settings.ambient) * np.clip(normals @ LIGHT, 0, 1)
 
     def _region(self, cam: Camera, exposure: Exposure) -> tuple[int, int, int, int] | None:
         """Columns and rows [x0, x1) x [y0, y1) that the object and the hand can touch, None if out of view."""

@@ -306,10 +306,6 @@ def write_tagslam(layout: TagLayout, path: str | Path) -> None:
 
     Boards are written as the tags that they consist of. Measurements, remaps and squashes belong to one recording and
     are not written.
-
-    Args:
-        layout: What is written.
-        path: The file.
     """
     bodies = []
     for body in layout.bodies:

@@ -13,7 +13,7 @@ from tossid.vision.recordings.registry import Opened, register_recording
 if TYPE_CHECKING:
     from tossid.types import Detection
     from tossid.vision.cameras.camera import Camera
-    from tossid.vision.recordings.image_header import Pixels
+    from tossid.vision.recordings.image_decoding import Pixels
     from tossid.vision.recordings.recording import FrameFile, Recording
     from tossid.vision.recordings.rosbag import Bag
 
@@ -126,20 +126,21 @@ class BagImages:
 
     topics: dict[str, str]
 
-    def images(self, files: Sequence[FrameFile]) -> Iterator[Pixels]:
+    def images(self, files: Sequence[FrameFile]) -> Iterator[Pixels | None]:
         """Messages by their time of recording."""
         from tossid.vision.recordings.rosbag import Bag, as_defined, grey_image
 
         if not files:
             return
-        wanted = {file.index for file in files}
+        wanted = {file.index: i for i, file in enumerate(files)}
+        found: list[Pixels | None] = [None] * len(files)
         path, topic = files[0].path, self.topics[files[0].camera]
         with Bag(path) as bag:
             for _, t_ns, message in bag.messages([topic], start=min(wanted), stop=max(wanted) + 1):
                 if t_ns in wanted:
                     with as_defined(path, f"{topic} at {t_ns * 1e-9:.6f} s", message):
-                        image = grey_image(path, message)
-                    yield image
+                        found[wanted[t_ns]] = grey_image(path, message)
+        yield from found  # in order of their own stamps, which need not be that of recording
 
 
 def image_topics(bag: Bag, cameras: Sequence[Camera]) -> dict[str, str]:

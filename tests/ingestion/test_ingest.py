@@ -1,0 +1,168 @@
+"""`tossid.ingest`: films, tracked poses and a format that a stranger registers become the same kind of dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pytest
+
+import tossid
+from tests.motion.bounced import bounced, without
+from tests.vision.conftest import Filmed
+from tests.vision.tosses import thrown
+from tossid.errors import ConfigError, FileError
+from tossid.ingestion.ingest import ingest_source
+from tossid.ingestion.progress import IngestWarning, Progress
+from tossid.objects import ObjectModel
+from tossid.settings.kinds import Positive
+from tossid.store import read_dataset, write_tum
+from tossid.store.importers.registry import FORMATS, Imported, register_importer
+from tossid.types import Phase, PoseTrack, Toss
+from tossid.vision.recordings.formats.frames import FramesSource
+
+
+@pytest.fixture(scope="module")
+def tosses(cube: ObjectModel) -> tuple[Toss, ...]:
+    rng = np.random.default_rng(8)
+    return tuple(thrown(cube, rng, name=f"{i}") for i in range(5))
+
+
+@pytest.fixture
+def tum(tmp_path: Path, tosses: tuple[Toss, ...]) -> Path:
+    write_tum(tmp_path / "tum", tosses)
+    return tmp_path / "tum"
+
+
+def test_a_film_becomes_tosses_in_a_file_or_in_memory(filmed: Filmed, tagged: ObjectModel, tmp_path: Path) -> None:
+    folder, out = filmed.recording.folder, tmp_path / "data" / "tosses.h5"
+    seen: list[Progress] = []
+    dataset = tossid.ingest(folder, object=tagged, out=out, progress=seen.append)
+    assert len(dataset.tosses) == 2
+    found = ingest_source(FramesSource(path=folder), object=tagged)
+    for one, again, read in zip(dataset.tosses, found.dataset.tosses, read_dataset(out).tosses, strict=True):
+        for name in ("t", "q", "v", "q_cov", "v_cov", "phase"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(again, name))
+            np.testing.assert_array_equal(getattr(one, name), getattr(read, name))
+        assert one.split == again.split == read.split != ""
+    true = filmed.timeline
+    for toss in dataset.tosses:
+        index = np.abs(true.t[:, None] - toss.t).argmin(axis=0)
+        assert np.linalg.norm(toss.q[:, :3] - true.q[index, :3], axis=1).max() < 2e-3
+    report = found.report
+    assert report.track is not None
+    assert report.detect["tags"] == dataset.provenance["n_detections"] > 0
+    assert report.track.n_poses == dataset.provenance["n_poses"] > 100
+    assert report.ground is None  # two tosses have too few rests for a plane
+    assert "resting" in {stretch.reason for stretch in report.rejected or ()}
+    images = [p for p in seen if p.stage == "detect" and not p.message]
+    assert sum(p.done for p in images) == images[0].total == filmed.recording.n_frames
+    assert sorted(path.name for path in out.parent.iterdir()) == ["tosses.h5"]
+
+
+def test_a_format_is_recognized_and_keys_reach_its_settings(tum: Path, tosses: tuple[Toss, ...]) -> None:
+    dataset = tossid.ingest(tum, splits=(1.0, 0.0, 0.0))
+    assert dataset.source == "tum"
+    assert dataset.object.name == "cube"
+    assert {toss.split for toss in dataset.tosses} == {"train"}
+    for one, true in zip(dataset.tosses, tosses, strict=True):
+        flight = one.phase == Phase.FLIGHT
+        assert np.median(np.abs(one.v[flight, :3] - true.v[: len(one)][flight, :3])) < 0.02
+
+
+def test_what_cannot_be_ingested_is_named(tum: Path, tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="no such file"):
+        tossid.ingest(tmp_path / "nowhere")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(FileError, match="holds no input that is recognized; expected one of contactnets, frames"):
+        tossid.ingest(tmp_path / "empty")
+    with pytest.raises(ConfigError, match="there is no format 'tumm'"):
+        tossid.ingest(tum, source="tumm")
+    with pytest.raises(ConfigError, match="gravty"):
+        tossid.ingest(tum, gravty=9.0)
+    with pytest.raises(FileError, match="no such file or folder"):
+        tossid.ingest(tmp_path / "nowhere", source="tum")
+
+
+def test_problems_are_warnings_and_tosses_with_defects_can_be_set_aside(
+    tmp_path: Path, tosses: tuple[Toss, ...]
+) -> None:
+    """One toss hangs in the air for a tenth of a second, which neither gravity nor contact explains."""
+    fast = tosses[0]
+    write_tum(tmp_path / "tum", tosses)
+    q = fast.q.copy()
+    q[10:25, :3] = q[10, :3]
+    write_tum(tmp_path / "tum", [PoseTrack(fast.name, fast.t, q)])
+    with pytest.warns(IngestWarning, match="1 of 5 tosses have defects"):
+        dataset = tossid.ingest(tmp_path / "tum", defects="set_aside")
+    assert [toss.name for toss in dataset.tosses if not toss.split] == [fast.name]
+
+
+def test_times_of_recordings_that_lost_frames_are_mended_where_asked(tmp_path: Path, cube: ObjectModel) -> None:
+    """Ten tosses lost the frame after their impact, two lost none, and of one that cannot be known."""
+    rng = np.random.default_rng(0)
+    after = [4 if i == 12 else 25 for i in range(13)]
+    tosses = [bounced(cube, rng, name=f"{i:02d}", noise=1e-4, before=32, after=n) for i, n in enumerate(after)]
+    mended = {toss.track.name: without(toss.track, [toss.last + 1]) for toss in tosses[:10]}
+    write_tum(tmp_path / "tum", [mended.get(toss.track.name, (toss.track,))[0] for toss in tosses])
+    said: list[Progress] = []
+    kept = tossid.ingest(tmp_path / "tum", progress=said.append)
+    (found,) = (each.message for each in said if each.is_problem and "frames were lost" in each.message)
+    assert "of 12 first impacts that can be judged (of 13), 10 lost 1" in found
+    assert "lost=undo mends the times" in found
+    said.clear()
+    dataset = tossid.ingest(tmp_path / "tum", lost="undo", progress=said.append)
+    (found,) = (each.message for each in said if each.is_problem and "frames were lost" in each.message)
+    assert found.endswith("1 of 13 tosses have such an impact that cannot be judged, and no split")
+    for toss, was in zip(dataset.tosses, kept.tosses, strict=True):
+        assert was.split != ""
+        assert toss.split == ("" if toss.name == "12" else was.split)
+        np.testing.assert_array_equal(was.t, tosses[0].track.t[: len(was.t)])
+        true = mended[toss.name][1] if toss.name in mended else was.t
+        np.testing.assert_allclose(toss.t, true, atol=1e-6)
+    assert dataset.provenance["lost_frames"] == "; ".join(
+        f"{t.track.name}: 1 after frame {t.last}" for t in tosses[:10]
+    )
+    assert "lost_frames" not in kept.provenance
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToySource:
+    """One file of poses of all tosses: toss, time, x, y, z, qw, qx, qy, qz."""
+
+    name: Literal["toy"] = "toy"
+    """toy tables"""
+    path: Path
+    """the table"""
+    unit: Positive = 1.0
+    """unit of length [m]"""
+
+
+def read_toy(source: ToySource, model: ObjectModel) -> Imported:
+    rows = np.loadtxt(source.path, delimiter=",", ndmin=2)
+    tracks = []
+    for number in np.unique(rows[:, 0]):
+        own = rows[rows[:, 0] == number]
+        tracks.append(PoseTrack(f"{number:g}", own[:, 1], np.hstack([own[:, 2:5] * source.unit, own[:, 5:]])))
+    return Imported(tracks)
+
+
+@pytest.fixture
+def toy(tmp_path: Path, tosses: tuple[Toss, ...]) -> Iterator[Path]:
+    """A table in millimetres, and its format registered."""
+    rows = [np.column_stack([np.full(len(x), i), x.t, 1e3 * x.q[:, :3], x.q[:, 3:]]) for i, x in enumerate(tosses)]
+    np.savetxt(tmp_path / "tosses.toy", np.concatenate(rows), delimiter=",", fmt="%.17g")
+    register_importer(ToySource, read_toy, recognizes=lambda path: path.suffix == ".toy", cut_at_rest=True)
+    yield tmp_path / "tosses.toy"
+    del FORMATS["toy"]
+
+
+def test_a_registered_format_is_ingested_like_the_others(toy: Path, tum: Path) -> None:
+    dataset, same = tossid.ingest(toy, source="toy", unit=1e-3), tossid.ingest(tum)
+    assert dataset.source == "toy"
+    for one, other in zip(dataset.tosses, same.tosses, strict=True):
+        np.testing.assert_allclose(one.q, other.q, atol=1e-9)
+        np.testing.assert_allclose(one.v, other.v, atol=1e-6)

@@ -1,0 +1,215 @@
+"""The poses of a scene: what the set-up says of them, and what the graph found, with covariances."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from tossid.vision.pose_graph.scene import Scene
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+EXACT = 2e-6
+"""Standard deviation up to which a pose is a constant [m, rad]; a smaller one would make the graph ill-conditioned."""
+STEPS = 2**32
+"""Time steps that the keys of a body have room for."""
+
+
+@dataclass(eq=False)
+class State:
+    """Poses of a scene; NaN where unknown.
+
+    Attributes:
+        camera: T_rig_cam, (cameras, 4, 4).
+        tag: T_body_tag, (tags, 4, 4).
+        world: For each body T_world_body, (n, 4, 4) by time step if it moves, else (1, 4, 4).
+        prints: By what shares each tag is wider, higher, and twisted out of its plane, (tags, 3).
+        gauge: Tags that define the frame of a body none of whose tags is known.
+    """
+
+    camera: Array
+    tag: Array
+    world: list[Array]
+    prints: Array
+    gauge: list[int] = field(default_factory=list)
+
+    def at(self, body: Ints, step: Ints) -> Array:
+        """T_world_body of each row's body in its step, (d, 4, 4).
+
+        Args:
+            body: Number of the body, (d,).
+            step: Time step, (d,).
+        """
+        out = np.full((len(body), 4, 4), np.nan)
+        for b, T in enumerate(self.world):
+            own = body == b
+            out[own] = T[step[own] if len(T) > 1 else np.zeros(own.sum(), dtype=np.int64)]
+        return out
+
+    def copy(self) -> State:
+        """A copy that can be changed."""
+        return State(
+            self.camera.copy(), self.tag.copy(), [T.copy() for T in self.world], self.prints.copy(), list(self.gauge)
+        )
+
+
+def is_known(T: Array) -> Bools:
+    """Which poses are known, (*b, 4, 4) to (*b,)."""
+    return np.asarray(np.isfinite(T[..., 0, 0]))
+
+
+def given(scene: Scene) -> State:
+    """The poses that the set-up gives."""
+    unknown = np.full((4, 4), np.nan)
+
+    def stack(poses: Sequence[Array | None]) -> Array:
+        return np.array([unknown if T is None else T for T in poses]).reshape(-1, 4, 4)
+
+    world = []
+    for body in scene.bodies:
+        T = unknown if body.T_map_body is None else body.T_map_body
+        # at least two rows, so that a moving body differs from a static one
+        world.append(T[None].copy() if body.is_static else np.full((max(len(scene.t), 2), 4, 4), np.nan))
+    cameras, tags = stack([c.T_rig_cam for c in scene.cameras]), stack([t.T_body_tag for t in scene.tags])
+    return State(cameras, tags, world, np.zeros((len(tags), 3)))
+
+
+@dataclass(frozen=True, eq=False)
+class TimingModel:
+    """How a pose at its time step relates to a frame at the frame's own time.
+
+    Attributes:
+        twist: For each body (n or 1, 6), its rotation [rad/s] and translation [m/s] in its own frame at each step.
+        clock: Offset of each camera's clock, subtracted from the frames' delays [s], (cameras,).
+        free: Whether the offset is a variable of the graph, (cameras,).
+    """
+
+    twist: list[Array]
+    clock: Array
+    free: Bools
+
+
+@dataclass(eq=False)
+class Solution:
+    """Optimised poses with covariances in the tangent (rotation [rad], translation [m], of the moving frame).
+
+    A covariance is zero where a pose is exactly known and NaN where it is unknown.
+
+    Attributes:
+        state: The poses.
+        camera_cov: (cameras, 6, 6).
+        tag_cov: (tags, 6, 6).
+        world_cov: For each body (n or 1, 6, 6), as `State.world`.
+        clock: Offsets of the clocks [s], (cameras,).
+        clock_sigma: Their standard deviations [s], (cameras,).
+        tree_cov: For each body that others hang on, (n, 6 + m, 6 + m) of its tangent and the m hinge angles, in the
+            bodies' order.
+    """
+
+    state: State
+    camera_cov: Array
+    tag_cov: Array
+    world_cov: list[Array]
+    clock: Array
+    clock_sigma: Array
+    tree_cov: dict[int, Array] = field(default_factory=dict)
+
+
+def unsolved(state: State, clock: Array) -> Solution:
+    """Poses as they are, without covariances.
+
+    Args:
+        state: The poses; copied.
+        clock: Offsets of the clocks [s], (cameras,).
+    """
+    return Solution(
+        state.copy(),
+        np.full((len(state.camera), 6, 6), np.nan),
+        np.full((len(state.tag), 6, 6), np.nan),
+        [np.full((len(T), 6, 6), np.nan) for T in state.world],
+        clock.copy(),
+        np.zeros(len(clock)),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What is known of a pose before the graph.
+
+    Attributes:
+        T: (4, 4).
+        cov: In the tangent (rotation [rad], translation [m]), (6, 6); None for exact.
+    """
+
+    T: Array
+    cov: Array | None
+
+    @property
+    def exact(self) -> bool:
+        """Whether the pose is a constant."""
+        return self.cov is None or bool(np.diag(self.cov).max() <= EXACT**2)
+
+
+def priors(scene: Scene) -> dict[int, Prior]:
+    """The set-up's poses of cameras, tags and static bodies, by key."""
+    found = {}
+    for c, camera in enumerate(scene.cameras):
+        if camera.T_rig_cam is not None:
+            found[camera_key(c)] = Prior(camera.T_rig_cam, camera.T_rig_cam_cov)
+    for i, tag in enumerate(scene.tags):
+        if tag.T_body_tag is not None:
+            found[tag_key(i)] = Prior(tag.T_body_tag, _cov(tag.rotation_noise, tag.position_noise))
+    for b, body in enumerate(scene.bodies):
+        if body.T_map_body is not None:
+            found[body_key(b, 0)] = Prior(body.T_map_body, _cov(body.rotation_noise, body.position_noise))
+    return found
+
+
+def _cov(rotation: Array | None, position: Array | None) -> Array | None:
+    if rotation is None or position is None:
+        return None
+    return np.diag(np.concatenate([rotation, position]) ** 2)
+
+
+def camera_key(c: int) -> int:
+    """Key of T_rig_cam."""
+    return int(gtsam.symbol("c", c))
+
+
+def tag_key(i: int) -> int:
+    """Key of T_body_tag."""
+    return int(gtsam.symbol("t", i))
+
+
+def body_key(b: int, step: int) -> int:
+    """Key of T_world_body in a time step (0 for a static one)."""
+    return int(gtsam.symbol("x", b * STEPS + step))
+
+
+def joint_key(b: int, step: int) -> int:
+    """Key of the angle of the hinge that a body hangs on, in a time step."""
+    return int(gtsam.symbol("j", b * STEPS + step))
+
+
+def print_key(i: int) -> int:
+    """Key of a tag's print."""
+    return int(gtsam.symbol("p", i))
+
+
+def clock_key(c: int) -> int:
+    """Key of a camera's clock offset."""
+    return int(gtsam.symbol("o", c))
+
+
+def calibrates(scene: Scene, known: dict[int, Prior]) -> bool:
+    """Whether time steps share unknowns: something static is not exactly known, or stillness connects them."""
+    keys = [camera_key(c) for c in range(len(scene.cameras))] + [tag_key(i) for i in range(len(scene.tags))]
+    keys += [body_key(b, 0) for b, body in enumerate(scene.bodies) if body.is_static]
+    still = any(body.stillness is not None for body in scene.bodies)
+    return still or not all(key in known and known[key].exact for key in keys)
