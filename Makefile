@@ -54,8 +54,8 @@ lock: $(STAMP)  ## resolve requirements/*.txt anew: make UV_ARGS="--index URL" l
 	sed -n 's/^\(torch==[0-9.]*\).*/\1+cpu/p' requirements/cuda.txt > build/override.txt
 	$(BIN)/uv pip compile $(LOCK_ARGS) $(UV_ARGS) --override build/override.txt -o requirements/cpu.txt pyproject.toml
 
-demo: $(STAMP)  ## the main job, end to end, on embedded defaults
-	$(BIN)/python -m pipelines.demo
+demo: $(STAMP)  ## a simulator that is wrong in a sealed way, and what is found of it: make SEED=5 demo
+	$(BIN)/python -m pipelines.demo $(if $(SEED),--seed $(SEED))
 
 experiments: $(STAMP)  ## the studies on published recordings, hours: make DATA=FOLDER experiments
 	$(BIN)/python -m experiments.cube $(DATA)
