@@ -41,10 +41,10 @@ def may_touch(model: ObjectModel, t: Array, q: Array, begins: NDArray[np.int64] 
         begins: (B,) numbers of the first frames of motions that follow one another, if there are several. From the last
             frame of one to the first of the next nothing touches.
     """
-    z, h = corner_heights(model, q), np.diff(t)[:, None]
-    inside = np.ones(len(t) - 1, dtype=bool)
+    z, inside = corner_heights(model, q), np.ones(len(t) - 1, dtype=bool)
     if begins is not None:
         inside[begins[1:] - 1] = False
+    h = np.where(inside, np.diff(t), 1.0)[:, None]  # times of two motions may be the same, and nothing is read between
     rise = np.diff(z, axis=0)
     low = np.minimum(z[:-1], z[1:])
     # a neighbouring interval tells how a corner moves, if it belongs to the same motion
