@@ -203,7 +203,8 @@ def advance_frame(engine, work, s, corners, out, toss, frame, quiet):  # type: i
     """
     settings, law = engine.settings, engine.law
     rest, strikes = settings.dt, np.int64(0)
-    step = Step(settings.dt / settings.substeps, np.int64(1), False, False, False, True)
+    # (one type of integers all through, or Numba would compile the loop twice)
+    step = Step(settings.dt / settings.substeps, np.int64(1), False, False, False, True)  # type: ignore[arg-type]
     while rest > 1e-9 * settings.dt:
         step = next_event(engine, work, s, corners, step, rest, strikes)
         n, touched, status, kkt_error = contact_solve(engine, work, s, corners, step)
