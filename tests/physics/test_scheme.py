@@ -19,10 +19,10 @@ import sys
 import numpy as np
 from tossid.objects import load_object
 from tossid.physics import make_system, simulate
-for name in ("cube", "elbow"):
+for name, height in (("cube", 0.12), ("elbow", 0.07)):
     model = load_object(name)
     q, v = np.zeros((2, model.nq)), np.zeros((2, model.nv))
-    q[:, 2:7] = 0.12, 0.85, 0.35, 0.25, 0.3
+    q[:, 2:7] = height, 0.85, 0.35, 0.25, 0.3
     q[:, 3:7] /= np.linalg.norm(q[0, 3:7])
     v[:, :6] = [0.7, 0.2, -1.2, 3.0, -5.0, 2.0]
     runs = [simulate(make_system(model), q, v, n_steps=8, dt=1 / 148, impact_parts=parts) for parts in (1, 8)]

@@ -48,8 +48,8 @@ from tossid.physics.solvers.workspace import (
     work_arrays,
 )
 
-MOST_ITERATIONS = 60
-"""Sweeps, each with a Newton step."""
+MOST_ITERATIONS = 1000
+"""Sweeps, each with a Newton step. Nearly all programmes need fewer than ten, some that are degenerate hundreds."""
 
 
 @fused_lean_kernel

@@ -9,7 +9,8 @@ With k directions d_j around the tangent plane (k even) and lam_t = sum_j beta_j
 (Stewart & Trinkle 1996; Anitescu & Potra 1997). With z = (lam_n, beta, gamma) of each contact in turn this is
 0 <= z _|_ M z + q >= 0. Complementary pivoting with a lexicographic ratio test cannot cycle (Cottle, Pang & Stone, "The
 Linear Complementarity Problem", 1992, 4.4 and 4.9); it ends at a solution or on a ray. Rounding may still end it in a
-basis that is none, where contacts are redundant (four corners at rest: rank 6 of 12): such problems count as unsolved.
+basis that is none, where contacts are redundant (four corners at rest: rank 6 of 12). The diagonal of M is then raised
+a little, which makes a singular M regular. What is not solved then either counts as unsolved.
 """
 
 from __future__ import annotations
@@ -37,6 +38,8 @@ from tossid.physics.solvers.workspace import (
     multiply,
 )
 
+RIDGES = (0.0, 1e-9, 1e-7)
+"""By which the diagonal of M, near 1, is raised, one after the other until the KKT error is within its tolerance."""
 SMALLEST_PIVOT = 1e-10
 """Entries of the entering column that are smaller limit nothing."""
 TIE = 1e-11
@@ -86,23 +89,39 @@ def solve_polyhedral(A, V, n, tolerance, n_directions, max_pivots):  # type: ign
         axes[1 + j, 1], axes[1 + j, 2] = math.cos(angle), math.sin(angle)
     contact_scales(A, V, n)
     lcp_matrix(A, V, n, axes, M, q)
-    status = lemke(M, q, max_pivots, basis, values)
-    z = np.zeros(size)
-    for row in range(size):
-        if size <= basis[row] < 2 * size:
-            z[basis[row] - size] = max(values[row], 0.0)
+    z, best, least, status, before = np.zeros(size), np.zeros(size), math.inf, MAX_ITERATIONS, 0.0
+    for ridge in RIDGES:
+        for i in range(size):
+            M[i, i] += ridge - before
+            z[i] = 0.0
+        before = ridge
+        ended = lemke(M, q, max_pivots, basis, values)
+        for row in range(size):
+            if size <= basis[row] < 2 * size:
+                z[basis[row] - size] = max(values[row], 0.0)
+        write_impulses(A, V, n, axes, z)
+        kkt_error = complementarity_error(V, n, axes, z)
+        if kkt_error <= tolerance:
+            return SOLVED, kkt_error
+        if kkt_error < least:
+            least, best[:] = kkt_error, z
+            status = INACCURATE if ended == SOLVED else ended
+    write_impulses(A, V, n, axes, best)
+    return status, least
+
+
+@fused_kernel
+def write_impulses(A, V, n, axes, z):  # type: ignore[no-untyped-def]
+    """Write the contacts' impulses at z into V[LAM], and their velocities into V[W]."""
+    n_axes = axes.shape[0]
     for r in range(3 * n):
         V[LAM, r] = 0.0
     for i in range(n):
-        for a in range(n_directions + 1):
-            impulse = z[i * (n_directions + 2) + a] / math.sqrt(V[SCALE, i])
+        for a in range(n_axes):
+            impulse = z[i * (n_axes + 1) + a] / math.sqrt(V[SCALE, i])
             for t in range(3):
                 V[LAM, 3 * i + t] += impulse * axes[a, t]
     multiply(A, V, LAM, W, n)
-    kkt_error = complementarity_error(V, n, axes, z)
-    if not kkt_error <= tolerance:
-        return INACCURATE if status == SOLVED else status, kkt_error
-    return SOLVED, kkt_error
 
 
 @fused_kernel
