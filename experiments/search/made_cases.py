@@ -6,7 +6,7 @@
     python -m experiments.search.made_cases OUT.jsonl --data CUBE.h5 --skip 0 40 80 --tosses 40    # its train split
 
 A line of JSON a case: what was made, what was found, seconds of processor time. Lines that are there are not made
-again, so an interrupted run goes on. `search.md` has the table.
+again, so an interrupted run goes on. `docs/results/diagnosis.md` has the table.
 """
 
 from __future__ import annotations
