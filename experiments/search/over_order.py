@@ -4,8 +4,8 @@
 
 The cases are those of `order_cases`: in `cases` something changes, in `nulls` nothing does; of a dataset, a third of
 the nulls are its tosses in random order. A line of JSON a case: what was made, what was found, seconds of processor
-time, of all and of the searches alone. Lines that are there are not made again. `docs/results/diagnosis.md` has the table. At the
-end, it says how many intervals after a step hold the true value, by engine and effect.
+time, of all and of the searches alone. Lines that are there are not made again. At the end, it says how many intervals
+after a step hold the true value, by engine and effect. `docs/results/diagnosis.md` has the table.
 """
 
 from __future__ import annotations

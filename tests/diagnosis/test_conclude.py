@@ -16,6 +16,8 @@ from tossid.physics.effects import World
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 
 COUNT = 12
+HEAVIER = 10.3
+"""Of gravity [m/s²]."""
 
 
 def concluded(cube: ObjectModel, truth: World, names: tuple[str, ...], *, repeats: int = 3) -> Diagnosis:
@@ -27,8 +29,8 @@ def concluded(cube: ObjectModel, truth: World, names: tuple[str, ...], *, repeat
 
 @pytest.fixture(scope="module")
 def heavier(cube: ObjectModel) -> Diagnosis:
-    """Of tosses in 10.1 m/s², which a clock explains as well."""
-    return concluded(cube, with_effect(cube, "gravity", [10.1]), ("gravity", "time_base", "friction"))
+    """Of tosses in another gravity, which a clock explains as well."""
+    return concluded(cube, with_effect(cube, "gravity", [HEAVIER]), ("gravity", "time_base", "friction"))
 
 
 def test_what_does_the_same_is_confusable_and_named_as_a_class(heavier: Diagnosis) -> None:
@@ -44,8 +46,8 @@ def test_what_does_the_same_is_confusable_and_named_as_a_class(heavier: Diagnosi
     gravity, clock = (heavier.finding(name) for name in ("gravity", "time_base"))
     assert gravity is not None
     assert clock is not None
-    assert gravity.parameters["g_ms2"].low < 10.1 < gravity.parameters["g_ms2"].high
-    assert clock.parameters["rate_rel"].value == pytest.approx(np.sqrt(9.81 / 10.1), abs=2e-3)
+    assert gravity.parameters["g_ms2"].low < HEAVIER < gravity.parameters["g_ms2"].high
+    assert clock.parameters["rate_rel"].value == pytest.approx(np.sqrt(9.81 / HEAVIER), abs=2e-3)
     (alternative,) = heavier.alternatives
     assert alternative.names == (other,)
 

@@ -87,7 +87,7 @@ def test_half_spaces_that_bound_nothing_are_refused(wedge: list[Toss]) -> None:
 
 
 def test_protrusion_is_the_distance_from_a_hull() -> None:
-    assert protrusion(np.array([[0.0, 0.0, -0.1], [0, 0, 0]]), WEDGE) == pytest.approx([0.07, 0], abs=1e-8)
+    assert protrusion(np.array([[0.0, 0.0, -0.1], [0, 0, 0]]), WEDGE) == pytest.approx([0.07, 0], abs=1e-7)
     assert np.flatnonzero(evenly(9, 3)).tolist() == [0, 4, 8]
     assert evenly(4, 10).all()
 

@@ -36,7 +36,7 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         archive.extractall(folder)
     for path in (CLONE / "tossid").rglob("*.nb[ic]"):  # compiled kernels, which are valid for a digest of their sources
         there = folder / path.relative_to(CLONE)
-        there.parent.mkdir(exist_ok=True)
+        there.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, there)
     return folder
 

@@ -16,9 +16,9 @@ from tests.store.makers import make_toss, spinning
 from tossid.errors import ConfigError, FileError, InputError, OutputError
 from tossid.rotations import quat_exp, wxyz_to_xyzw
 from tossid.store import read_tum, write_tum
-from tossid.store.importers.columns import is_header, pose_columns, split_names
-from tossid.store.importers.rows import NOT_FINITE, REPEATED, ZERO, lost_rows, lost_words, read_rows
 from tossid.store.importers.tum import read_link_tum, trajectory_info, write_trajectory
+from tossid.store.recorded_poses.columns import is_header, pose_columns, split_names
+from tossid.store.recorded_poses.rows import NOT_FINITE, REPEATED, ZERO, lost_rows, lost_words, read_rows
 from tossid.types import PoseTrack
 
 Array = NDArray[np.float64]

@@ -109,7 +109,7 @@ def test_two_links_are_those_of_the_elbow(linked: Dataset, solid: ObjectModel, t
     assert any("mass ratio" in what for what in shown["assumed"])
     scores = tossid.evaluate(trained, linked.split("test"))
     assert scores.metrics["position_error_pct"]["mean"] < 20
-    again = load_object(tossid.export(trained, tmp_path / "links.xml", flights=2).path)
+    again = load_object(tossid.export(trained, tmp_path / "links.xml").path)
     assert (again.n_joints, again.n_corners) == (1, 16)
     assert again.joint_axis[1] == pytest.approx(found.joint_axis[1], abs=1e-6)
 

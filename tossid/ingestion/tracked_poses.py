@@ -29,8 +29,8 @@ from tossid.motion.sessions.lost_frames import LostFrames, find_lost_frames, los
 from tossid.objects import ObjectModel, unstated_object
 from tossid.settings.ingestion import IngestSettings
 from tossid.store import drawn_splits
-from tossid.store.importers.checks import KEPT
 from tossid.store.importers.registry import FORMATS, Imported, InputFormat
+from tossid.store.recorded_poses.checks import KEPT
 from tossid.types import OnDemand, PoseTrack, RecordingOrder, Toss
 
 LEVEL_HEIGHT = 0.01

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -48,10 +50,18 @@ def recorded_object(folder: Path) -> ObjectSettings | None:
         values = read_yaml(file)
         settings: ObjectSettings = convert(ObjectSettings, values, key="")
         convert(Path, settings.name, key="name")  # files are called after it
-        tags = None if settings.tags is None else inside(folder, str(values["tags"]))
-        settings = replace(settings, path=inside(folder, str(values["path"])), tags=tags)
+        tags = None if settings.tags is None else _named(folder, values, "tags")
+        settings = replace(settings, path=_named(folder, values, "path"), tags=tags)
     except (ConfigError, ObjectError) as error:
         raise FileError(file, f"does not describe an object: {error}") from error
     if settings.path.exists():
         check_model_file(settings.path, own_folder=folder)
     return settings
+
+
+def _named(folder: Path, values: Mapping[str, Any], key: str) -> Path:
+    """The file of the folder that a key names; errors name the key."""
+    try:
+        return inside(folder, str(values[key]))
+    except ObjectError as error:
+        raise ObjectError(f"{key}: {error}") from error

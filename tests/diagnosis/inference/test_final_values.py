@@ -50,13 +50,13 @@ def test_a_root_is_found_from_off_it(cube: ObjectModel) -> None:
     assert abs(root.hypothesis.flat()[0] - FRICTION) < 0.5 * abs(off.flat()[0] - FRICTION)
 
 
-def test_shorter_time_steps_predict_the_same_tosses_more_closely(cube: ObjectModel) -> None:
+def test_shorter_time_steps_change_predictions_by_less_than_noise(cube: ObjectModel) -> None:
     problem = problem_with(cube, "friction", [FRICTION])
     coarse = problem.sample.evidence(problem.stated.plus(EFFECTS["friction"], np.array([FRICTION])))
     fine = finely(coarse)
-    assert fine.raw.shape == coarse.raw.shape
-    assert not np.array_equal(fine.raw, coarse.raw)
-    assert fine.deviances().sum() < 1.02 * coarse.deviances().sum()
+    apart = np.abs(fine.raw - coarse.raw).max((1, 2))
+    assert apart.max() > 1e-6
+    assert np.median(apart) < 1.5e-4  # of the poses' noise, in metres and radians
 
 
 def test_what_flight_has_determined_keeps_its_values(cube: ObjectModel) -> None:

@@ -101,7 +101,7 @@ def test_the_librarys_constructors_hold_the_same_limits(cube: ObjectModel, chang
 def test_the_librarys_verbs_hold_the_same_limits(cube: ObjectModel) -> None:
     dataset = make_dataset(cube)
     for gravity in (1e300, np.nan, np.inf):
-        with pytest.raises(ConfigError, match=r"gravity: .* is out of range"):
+        with pytest.raises(ConfigError, match=r"gravity: .* (is out of range|will not do)"):
             tossid.train(dataset, gravity=gravity)
         with pytest.raises(ObjectError, match="gravity is"):
             make_system(cube, gravity=gravity)

@@ -132,7 +132,7 @@ def find_sessions(
             part.stop - part.start,
             None if tilt is None else (float(tilt.up[0]), float(tilt.up[1])),
             None if tilt is None else (float(np.sqrt(tilt.cov[0, 0])), float(np.sqrt(tilt.cov[1, 1]))),
-            levelled=levelled,
+            levelled=bool(levelled),
             changed=dict(changes[number - 1].p) if number else {},
             note=note,
         )

@@ -61,7 +61,7 @@ def read_contactnets(folder: Path, *, half_width: float = HALF_WIDTH, rate_hz: f
     """
     import numpy as np
 
-    from tossid.store.importers.tensors import read_tensor, tensor_tracks
+    from tossid.store.recorded_poses.tensors import read_tensor, tensor_tracks
 
     if not (np.isfinite(half_width) and half_width > 0):
         raise InputError(f"the half width is {half_width} m, expected a positive number")
@@ -89,7 +89,7 @@ def _import(source: ContactNetsSource, model: ObjectModel) -> Imported:
 
 
 def _recognizes(path: Path) -> bool:
-    from tossid.store.importers.tensors import has_columns
+    from tossid.store.recorded_poses.tensors import has_columns
 
     return has_columns(path, (COLUMNS,))
 

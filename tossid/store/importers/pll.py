@@ -55,7 +55,7 @@ def read_pll(folder: Path, *, n_joints: int, rate_hz: float = RATE) -> Sequence[
     """
     import numpy as np
 
-    from tossid.store.importers.tensors import read_tensor, tensor_tracks
+    from tossid.store.recorded_poses.tensors import read_tensor, tensor_tracks
 
     if n_joints not in (0, 1):
         raise InputError(f"the pll format has no or one joint, the object has {n_joints}")
@@ -80,7 +80,7 @@ def _import(source: PllSource, model: ObjectModel) -> Imported:
 
 
 def _recognizes(path: Path) -> bool:
-    from tossid.store.importers.tensors import has_columns
+    from tossid.store.recorded_poses.tensors import has_columns
 
     return has_columns(path, COLUMNS)
 

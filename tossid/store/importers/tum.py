@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from tossid.objects import ObjectModel
-    from tossid.store.importers.columns import PoseColumns
+    from tossid.store.recorded_poses.columns import PoseColumns
     from tossid.types import PoseTrack, Toss
 
     Array = NDArray[np.float64]
@@ -62,9 +62,9 @@ def read_tum(
     """The tracks in a folder of `NAME.txt`, and for an articulated object `NAME.joints.txt` beside each.
 
     A pose is that of the object's first link in a world with z up and ground z = 0; times [s] increase, but need not be
-    uniform; `#` starts a comment. A first line that names columns is obeyed (`tossid.store.importers.columns`). Rows
-    without a pose, where the tracker had lost the object, are left out. `NAME.joints.txt` holds `timestamp angle…`
-    [rad] at the same times.
+    uniform; `#` starts a comment. A first line that names columns is obeyed (`recorded_poses.columns`). Rows without a
+    pose, where the tracker had lost the object, are left out. `NAME.joints.txt` holds `timestamp angle…` [rad] at the
+    same times.
 
     Args:
         folder: Where the files lie.
@@ -181,7 +181,7 @@ def trajectory_info(path: Path) -> dict[str, Any]:
 
 
 def _pose_files(folder: Path) -> list[Path]:
-    from tossid.store.importers.checks import files_of
+    from tossid.store.recorded_poses.checks import files_of
 
     return files_of(Path(folder), ".txt", but_not=(_JOINTS, _LINK))
 
@@ -205,8 +205,8 @@ def _text(header: str, rows: Array) -> bytes:
 
 def _read_folder(folder: Path, n_joints: int, columns: str | None, most_lost: float) -> Imported:
     """The tracks of a folder, and what is to be said of its files; every file is checked now."""
-    from tossid.store.importers.checks import tracks_of
-    from tossid.store.importers.rows import lost_words
+    from tossid.store.recorded_poses.checks import tracks_of
+    from tossid.store.recorded_poses.rows import lost_words
 
     said: dict[Path, tuple[int, Counter[str], PoseColumns]] = {}
 
@@ -232,8 +232,8 @@ def _read_file(path: Path, n_joints: int, columns: str | None, most_lost: float)
     import numpy as np
 
     from tossid.rotations import xyzw_to_wxyz
-    from tossid.store.importers.checks import check_times, checked_track
-    from tossid.store.importers.rows import lost_rows, lost_words
+    from tossid.store.recorded_poses.checks import check_times, checked_track
+    from tossid.store.recorded_poses.rows import lost_rows, lost_words
 
     rows, lines, where = _read_poses(path, columns)
     t = _time(path, rows, lines, where)
@@ -258,8 +258,8 @@ def _read_file(path: Path, n_joints: int, columns: str | None, most_lost: float)
 
 def _read_poses(path: Path, columns: str | None) -> tuple[Array, list[int], PoseColumns]:
     """The rows of a file of poses, the line of each, and where they hold what."""
-    from tossid.store.importers.columns import USUAL, pose_columns, split_names
-    from tossid.store.importers.rows import read_rows
+    from tossid.store.recorded_poses.columns import USUAL, pose_columns, split_names
+    from tossid.store.recorded_poses.rows import read_rows
 
     rows, lines, names = read_rows(path, _FORM)
     if columns is not None:
@@ -297,8 +297,8 @@ def _read_joints(path: Path, t: Array, kept: NDArray[np.int64], n_joints: int) -
     """Angles (n, n_joints) [rad] at the times of all poses; only those of poses that are kept need to be numbers."""
     import numpy as np
 
-    from tossid.store.importers.columns import column_of
-    from tossid.store.importers.rows import read_rows
+    from tossid.store.recorded_poses.columns import column_of
+    from tossid.store.recorded_poses.rows import read_rows
 
     form = "timestamp" + " angle" * n_joints
     rows, lines, names = read_rows(path, form)

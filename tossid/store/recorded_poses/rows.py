@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import FileError
-from tossid.store.importers.columns import column_of, is_header, split_names
+from tossid.store.recorded_poses.columns import column_of, is_header, split_names
 from tossid.text_files import read_text
 
 Array = NDArray[np.float64]

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from tossid import budget
 from tossid.errors import FileError, InputError
 from tossid.rotations import quat_boxminus, xyzw_to_wxyz
-from tossid.store.importers.checks import checked_track, files_of, tracks_of
 from tossid.store.importers.registry import holds
+from tossid.store.recorded_poses.checks import checked_track, files_of, tracks_of
 from tossid.types import PoseTrack
 
 Array = NDArray[np.float64]
