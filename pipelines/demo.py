@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 RECORDING = Path("data/raw/demo")
 DATASET = Path("data/datasets/demo.h5")
 FOLDER = Path("outputs/demo")
-TOSSES = 16
+TOSSES = 14
 FRAMES_SHOWN = 6
 """Of a toss, on the page."""
 KINDS: dict[str, tuple[str, tuple[tuple[float, float], ...]]] = {
