@@ -84,7 +84,10 @@ def holding(head: str) -> Callable[[Path], None]:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (named("/etc/hostname"), "object.yaml: does not describe an object: path: it names '/etc/hostname', expected a file in its own folder"),
+        (
+            named("/etc/hostname"),
+            "object.yaml: does not describe an object: path: it names '/etc/hostname', expected a file in its own folder",
+        ),
         (named("../secret.xml"), "expected a file in its own folder"),
         (link_outside, "which links to a place outside its own folder"),
         (pipe, "which is not a regular file"),
