@@ -86,7 +86,7 @@ def holding(head: str) -> Callable[[Path], None]:
     [
         (
             named("/etc/hostname"),
-            "object.yaml: does not describe an object: path: it names '/etc/hostname', expected a file in its own folder",
+            "does not describe an object: path: it names '/etc/hostname', expected a file in its own folder",
         ),
         (named("../secret.xml"), "expected a file in its own folder"),
         (link_outside, "which links to a place outside its own folder"),
