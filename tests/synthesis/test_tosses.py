@@ -34,8 +34,8 @@ def test_a_motion_is_cut_where_it_rests() -> None:
     n, settings = 100, SynthesizeSettings(rate_hz=100.0, rest_s=0.1)
     q = np.tile([0.0, 0.0, 0.0524, 1.0, 0.0, 0.0, 0.0], (n, 1))
     q[:40, 0] = np.linspace(-0.4, 0.0, 40)
-    assert frames_until_rest(CUBE, q, np.zeros((n, 6)), settings) == 40 + 10
-    assert frames_until_rest(CUBE, q[:45], np.zeros((45, 6)), settings) == 45
+    assert frames_until_rest(CUBE, q, settings) == 40 + 10
+    assert frames_until_rest(CUBE, q[:45], settings) == 45
 
 
 def test_noise_is_as_stated() -> None:

@@ -156,7 +156,7 @@ def _pushed_tosses(
     q, v = motion(world, q0, v0, n_steps=n_steps, dt=1 / rate, push=push)
     tosses = []
     for i in range(n):
-        length = frames_until_rest(model, q[i], v[i], synthesis)
+        length = frames_until_rest(model, q[i], synthesis)
         t, exact = np.arange(length) / rate, np.tile(1e-12 * np.eye(model.nv), (length, 1, 1))
         phase = label_phases(model, t, q[i, :length], v[i, :length], gravity=synthesis.gravity)
         tosses.append(Toss(f"{i:0{len(str(n - 1))}d}", t, q[i, :length], v[i, :length], exact, exact, phase))

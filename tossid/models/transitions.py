@@ -13,6 +13,7 @@ from tossid.errors import InputError
 from tossid.motion.kinematics import com_velocities
 from tossid.objects import ObjectModel, body_poses, corner_heights
 from tossid.physics import make_system, tree_batch
+from tossid.robust import NORMAL_MAD
 from tossid.rotations import quat_to_matrix
 from tossid.types import Toss
 
@@ -134,7 +135,7 @@ def make_transitions(model: ObjectModel, tosses: Sequence[Toss]) -> Transitions:
         share = model.mass / model.mass.sum()
         a = (share @ com_velocities(model, q_next, v_next) - share @ com_velocities(model, q, v)) / dt[:, None]
         middle = np.median(a[clear], axis=0)
-        scatter = 1.4826 * np.median(np.abs(a[clear] - middle), axis=0)
+        scatter = NORMAL_MAD * np.median(np.abs(a[clear] - middle), axis=0)
         limit = np.maximum(OUTLIER_DEVIATIONS * scatter, OUTLIER_FLOOR)
         clear &= (np.abs(a - middle) <= limit).all(axis=1)
     index = np.concatenate([np.full(len(toss) - 1, i) for i, toss in enumerate(tosses)])

@@ -24,6 +24,7 @@ from tossid.motion.contact import Touch, may_touch
 from tossid.motion.kinematics import center_of_mass
 from tossid.motion.noise import pose_noise
 from tossid.objects import GRAVITY, ObjectModel
+from tossid.robust import NORMAL_MAD
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_rotate, quat_to_matrix
 from tossid.types import PoseTrack
 
@@ -170,7 +171,7 @@ def _scatter(s: Array, x: Array) -> Array:
     gaps = s[four][:, :, None] - s[four][:, None, :] + np.eye(4)
     contrast = 1 / gaps.prod(axis=2)
     contrast /= np.linalg.norm(contrast, axis=1, keepdims=True)
-    return np.asarray((1.4826 * np.median(np.abs((x[:, four] * contrast).sum(axis=2)), axis=1)) ** 2)
+    return np.asarray((NORMAL_MAD * np.median(np.abs((x[:, four] * contrast).sum(axis=2)), axis=1)) ** 2)
 
 
 def _turned(t: Array, quat: Array, inertia: Array) -> Array:

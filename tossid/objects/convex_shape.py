@@ -30,6 +30,7 @@ from tossid.objects.polytope import (
 )
 from tossid.objects.round_shape import RoundShape, round_shapes, support
 from tossid.objects.roundness import Roundness, directions, farthest
+from tossid.robust import NORMAL_MAD
 from tossid.types import PoseTrack, Toss
 
 Array = NDArray[np.float64]
@@ -204,7 +205,7 @@ def _without_hovering(near: HalfSpaces, fit: Fit) -> Fit:
     below = -fit.gap[fit.gap < 0]
     if not len(below):
         return fit
-    narrow = min(GAP, _GAP_NOISES * 1.4826 * float(np.median(below)))
+    narrow = min(GAP, _GAP_NOISES * NORMAL_MAD * float(np.median(below)))
     return fit_vertices(near, fit.vertices, np.zeros(3), gap=GAP, level=True, last_gap=narrow)
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.cluster.hierarchy import fcluster, linkage
 
 from tossid.objects.half_spaces import Bools, HalfSpaces, different, evenly, outer_hull, protrusion
+from tossid.robust import NORMAL_MAD
 
 Array = NDArray[np.float64]
 
@@ -135,7 +136,7 @@ def bic_terms(gap: Array, free: Bools) -> tuple[float, float]:
         free: (n,) frames that are no contacts.
     """
     touches = touching(gap, free)
-    spread = 1.4826 * float(np.median(np.abs(gap[touches]))) if touches.any() else NOISE
+    spread = NORMAL_MAD * float(np.median(np.abs(gap[touches]))) if touches.any() else NOISE
     return max(1.0, (spread / NOISE) ** 2), float(np.log(max(2, touches.sum())))
 
 

@@ -96,13 +96,12 @@ def world_of(settings: SynthesizeSettings, model: ObjectModel) -> World:
     return world
 
 
-def frames_until_rest(model: ObjectModel, q: Array, v: Array, settings: SynthesizeSettings) -> int:
+def frames_until_rest(model: ObjectModel, q: Array, settings: SynthesizeSettings) -> int:
     """How many frames of a motion to keep: until it has been at rest for a while.
 
     Args:
         model: The object that moves.
         q: (n, nq) configurations.
-        v: (n, nv) velocities.
         settings: What counts as rest, and for how long it is kept.
     """
     corners = corner_positions(model, q)
@@ -166,7 +165,7 @@ def tosses_from(q0: Array, v0: Array, settings: SynthesizeSettings, model: Objec
     width = len(str(len(q0) - 1))
     tosses = []
     for i in range(len(q0)):
-        n = frames_until_rest(model, q[i], v[i], settings)
+        n = frames_until_rest(model, q[i], settings)
         t = np.arange(n) / settings.rate_hz
         true_t = t / world.recording.clock_rate
         tosses.append(

@@ -137,7 +137,7 @@ def unknown_object(
         raise InputError(f"object.links={settings.links} is {kind}; joints of these tosses: {tosses[0].q.shape[1] - 7}")
     flying = find_parabola([PoseTrack(toss.name, toss.t, toss.q) for toss in tosses], tree, gravity=gravity)
     free = {toss.name: flying.flying(toss.t, toss.q) for toss in tosses}
-    shapes, alone = _shapes(tosses, tree, [free[toss.name] for toss in tosses], settings)
+    shapes, alone = _shapes(tosses, tree, [free[toss.name] for toss in tosses])
     off = _off_ground(tosses, tree, shapes, settings)
 
     def clearance(toss: Toss) -> NDArray[np.float64]:
@@ -156,7 +156,7 @@ def unknown_object(
 
 
 def _shapes(
-    tosses: Sequence[Toss], tree: ObjectModel, flying: Sequence[NDArray[np.bool_]], settings: UnknownObjectSettings
+    tosses: Sequence[Toss], tree: ObjectModel, flying: Sequence[NDArray[np.bool_]]
 ) -> tuple[tuple[ConvexShape, ...], tuple[NDArray[np.int64], ...]]:
     """The shape of each link, and how many contacts show each of its corners alone."""
     if not tree.n_joints:

@@ -244,7 +244,7 @@ def _starts(present: Hypothesis, effect: Effect) -> Iterator[tuple[Hypothesis, b
             yield without.plus(effect, values), True
 
 
-def _joint_step(columns: Columns, start: Start, active: Index, steps: Array) -> Array:
+def _joint_step(start: Start, active: Index, steps: Array) -> Array:
     """Steps (..., A + C) of the active and a candidate's columns, kept within what its parameters allow."""
     steps = steps.copy()
     own = slice(len(active), None)
@@ -261,7 +261,7 @@ def _joint_step(columns: Columns, start: Start, active: Index, steps: Array) -> 
 def _gain(columns: Columns, start: Start, active: Index) -> Array:
     """(n,) gain of a candidate over the active columns alone, each toss by the step of the others."""
     joint = columns.part(np.concatenate([active, start.columns]))
-    steps = _joint_step(joint, start, active, joint.left_out())
+    steps = _joint_step(start, active, joint.left_out())
     gain = joint.gains(steps)
     if len(active):
         alone = columns.part(active)
@@ -278,7 +278,7 @@ def _begun(columns: Columns, start: Start, active: Index, following: Sequence[in
     if start.secant:
         return h
     joint = columns.part(np.concatenate([active, start.columns]))
-    step = _joint_step(joint, start, active, joint.step())
+    step = _joint_step(start, active, joint.step())
     move = np.zeros(len(h.flat()))
     if len(following):
         move[list(following)] = step[: len(active)]

@@ -1,7 +1,7 @@
 """The law of contact at one corner: the only place where laws branch.
 
 `Law` has the parameters of contact beyond a constant friction, each neutral by default; a law of one's own is a field
-more, and a line in `normal_target` or `friction_coefficient` (docs/extend.md, "Change the contact law").
+more, and a line in `normal_target` or `friction_coefficient` (docs/method/scheme.md, "Change the contact law").
 docs/method/scheme.md has the equations, whose numbers stand here.
 """
 

@@ -154,11 +154,6 @@ class World:
         return self
 
     @property
-    def costly(self) -> bool:
-        """Whether motions near known ones cost so much less that `roll_out` takes these as `near`."""
-        return False
-
-    @property
     def same_everywhere(self) -> bool:
         """Whether motion is the same wherever it begins along the recorded x and y.
 

@@ -81,11 +81,6 @@ def empty_solution(lam: Array) -> ContactSolution:
     return ContactSolution(lam, np.empty(count, dtype=np.uint8), np.empty(count))
 
 
-def contact_rows(i: int, n: int) -> list[int]:
-    """Rows of contact i of n in the order of `lam`: normal, first and second tangent."""
-    return [i, n + 2 * i, n + 2 * i + 1]
-
-
 class Problems(NamedTuple):
     """A batch of contact problems, contiguous; rows in the order of `problem`.
 
