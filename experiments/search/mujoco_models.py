@@ -28,7 +28,8 @@ from tossid.diagnosis.inference.hypothesis import COULOMB, Hypothesis
 from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.inference.search import Search
 from tossid.diagnosis.likelihood.windows import make_windows
-from tossid.diagnosis.patch.rerun import errors_in_mujoco
+from tossid.diagnosis.localisation.rollouts import distances
+from tossid.diagnosis.patch.rerun import runs_in_mujoco
 from tossid.diagnosis.simulators import read_simulator
 from tossid.motion.resting import rest_scatter
 from tossid.objects import load_object
@@ -96,8 +97,10 @@ def searched(case: int, *, noise: float, threads: int) -> dict[str, Any]:
         true = Hypothesis(simulator.world, COULOMB)
         for name, values in truth.items():
             true = true.plus(library[name], library[name].values_with(true.world(), values))
-        errors, others = errors_in_mujoco(path), tosses[TOSSES:]
-        before, after, best = (np.nanmean(errors(h, others, part[1]), axis=0).tolist() for h in (stated, found, true))
+        runs, others = runs_in_mujoco(path), tosses[TOSSES:]
+        recorded = [toss.q for toss in others]
+        errors = [distances(runs(h, others, part[1]), recorded, model.width) for h in (stated, found, true)]
+        before, after, best = (np.nanmean(each, axis=0).tolist() for each in errors)
     return {
         "case": case,
         "noise": noise,

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from tossid.diagnosis.effect_findings import Judgement, alternatives, changes, hidden
 from tossid.diagnosis.findings import Felt, Gap
 from tossid.diagnosis.inference.brings import (
-    Errors,
-    errors_in_tossid,
+    Runs,
     felt_of_each,
     noise_limit,
+    runs_in_tossid,
     whole_tosses,
     worsen,
 )
@@ -64,11 +64,11 @@ class Engine:
 
     Attributes:
         name: Of the user's own simulator wherever it can be run.
-        errors: Of whole tosses under a hypothesis.
+        runs: Of whole tosses under a hypothesis.
     """
 
     name: Literal["mujoco", "python", "tossid"] = "tossid"
-    errors: Errors = errors_in_tossid
+    runs: Runs = runs_in_tossid
 
 
 def explain(problem: Problem, engine: Engine = Engine()) -> tuple[Diagnosis, Undone]:
@@ -197,7 +197,7 @@ class _Concluded:
             tosses,
             problem.stated,
             engine=self.engine.name,
-            errors=self.engine.errors,
+            runs=self.engine.runs,
             unseen=self.judged,
             n_threads=threads,
         )
@@ -286,7 +286,7 @@ class _Concluded:
             problem.unseen,
             problem.stated,
             engine=self.engine.name,
-            errors=self.engine.errors,
+            runs=self.engine.runs,
             n_threads=problem.n_threads,
         )
         return Unseen(len(held), closed_share([fold], self.floor.deviance), brings)

@@ -20,7 +20,7 @@ from tossid.diagnosis.learned import learned_forces
 from tossid.diagnosis.next_toss import next_toss
 from tossid.diagnosis.over_order import Undone, corrections
 from tossid.diagnosis.patch.make import make_patch
-from tossid.diagnosis.patch.rerun import errors_in_mujoco, rerun
+from tossid.diagnosis.patch.rerun import rerun, runs_in_mujoco
 from tossid.diagnosis.problem import Problem, session_starts
 from tossid.diagnosis.release import bound_frames
 from tossid.diagnosis.remarks import remarks_on
@@ -159,7 +159,7 @@ class Task:
     def engine(self) -> Engine:
         """Where whole tosses are predicted: the user's own simulator wherever it can be run."""
         if self.simulator.mjcf is not None:
-            return Engine("mujoco", errors_in_mujoco(self.simulator.mjcf))
+            return Engine("mujoco", runs_in_mujoco(self.simulator.mjcf))
         return Engine("python" if self.simulator.kind == "python" else "tossid")
 
     def _problem(self, tosses: Sequence[Toss], under_way: UnderWay) -> Problem:

@@ -264,6 +264,25 @@ class Change:
 
 
 @dataclass(frozen=True)
+class WholeToss:
+    """A toss as it was recorded, and as it is predicted before and after the changes.
+
+    Attributes:
+        name: Of the toss.
+        t: Times of its frames (n,) [s].
+        measured: Recorded poses (n, nq).
+        before: Predicted poses (n, nq).
+        after: The same with the changes.
+    """
+
+    name: str
+    t: Array
+    measured: Array
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True)
 class Brings:
     """Errors of whole tosses before and after the changes, each predicted by what was found without it.
 
@@ -273,6 +292,7 @@ class Brings:
         after: (n, 2) the same with the changes.
         width: Of the object [m].
         unseen: Whether the tosses took no part; else values were fitted to them.
+        worst: The toss whose position is farthest off before the changes; None where every rollout diverged.
     """
 
     engine: Literal["mujoco", "python", "tossid"]
@@ -280,6 +300,7 @@ class Brings:
     after: Array
     width: float
     unseen: bool = True
+    worst: WholeToss | None = None
 
     @property
     def n(self) -> int:

@@ -6,11 +6,11 @@ import numpy as np
 
 from tossid.diagnosis.effect_findings import NOTHING, changes, phases_of
 from tossid.diagnosis.findings import Finding
-from tossid.diagnosis.inference.brings import errors_in_tossid, felt_of_each
+from tossid.diagnosis.inference.brings import brings_of, felt_of_each, runs_in_tossid
 from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.localisation.gap import measure_gap, rows_of
 from tossid.diagnosis.localisation.noise import noise_floor
-from tossid.diagnosis.result import Brings, Diagnosis, Interruption
+from tossid.diagnosis.result import Diagnosis, Interruption
 from tossid.diagnosis.under_way import SoFar
 
 MOST_SUSPECTS = 5
@@ -48,15 +48,15 @@ def known_so_far(so_far: SoFar, stage: str) -> Diagnosis:
         )
         for effect in h.effects
     )
-    stated = errors_in_tossid(first.hypothesis, tosses, sample)
-    changed = errors_in_tossid(h, tosses, sample) if h.effects else stated
+    stated = runs_in_tossid(first.hypothesis, tosses, sample)
+    changed = runs_in_tossid(h, tosses, sample) if h.effects else stated
     return Diagnosis(
         verdict="incomplete",
         gap=measure_gap(tosses, before, floor),
         left=measure_gap(tosses, after, floor),
         findings=findings,
         change=changes(findings),
-        brings=Brings("tossid", stated, changed, h.base.object.width, unseen=False),
+        brings=brings_of(tosses, stated, changed, width=h.base.object.width, unseen=False),
         gap_closed=NOTHING,
         unexplained=(),
         hypothesis=h,

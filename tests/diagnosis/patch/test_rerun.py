@@ -16,10 +16,10 @@ from tests.models.made import DT, thrown
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.likelihood.windows import make_windows
-from tossid.diagnosis.localisation.rollouts import first_states
+from tossid.diagnosis.localisation.rollouts import distances, first_states
 from tossid.diagnosis.patch import rerun as module
 from tossid.diagnosis.patch.make import make_patch
-from tossid.diagnosis.patch.rerun import errors_in_mujoco, rerun
+from tossid.diagnosis.patch.rerun import rerun, runs_in_mujoco
 from tossid.diagnosis.simulators import read_simulator
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
@@ -41,6 +41,11 @@ def slippery(cube: ObjectModel) -> list[Toss]:
     world = World(cube.with_changes(friction=0.4))
     run, _ = toss_in_mujoco(world, *thrown(rng, 6), FRAMES, DT, substeps=68)
     return recorded(run, cube, rng)
+
+
+def errors_of(made: Hypothesis, tosses: list[Toss], path: Path | None = None) -> np.ndarray:
+    runs = runs_in_mujoco(path)(made, tosses, sample_of(tosses, made.base.object))
+    return distances(runs, [toss.q for toss in tosses], made.base.object.width)
 
 
 def by_hand(m: mujoco.MjModel, toss: Toss, q: np.ndarray, v: np.ndarray, width: float) -> tuple[float, float]:
@@ -69,7 +74,7 @@ def test_errors_are_those_of_the_file_in_plain_mujoco(
     made = Hypothesis(simulator.world, simulator.law if own else simulator.laws[0])
     for name, values in found.items():
         made = made.plus(EFFECTS[name], np.array(values))
-    errors = errors_in_mujoco(path)(made, slippery, sample)
+    errors = errors_of(made, slippery, path)
     patch = make_patch(made, mjcf=path)
     out.write_text(patch.mjcf)
     # nothing to change: the user's own file
@@ -91,8 +96,8 @@ def test_the_right_patch_closes_the_gap_in_mujoco(cube: ObjectModel, slippery: l
 def test_a_recording_in_other_lengths_is_predicted_in_them(cube: ObjectModel, slippery: list[Toss]) -> None:
     longer = [replace(toss, q=toss.q * ([1.05] * 3 + [1] * 4), v=toss.v * ([1.05] * 3 + [1] * 3)) for toss in slippery]
     found = {"friction": [0.4]}
-    plain = errors_in_mujoco()(hypothesis(cube, **found), slippery, sample_of(slippery, cube))
-    scaled = errors_in_mujoco()(hypothesis(cube, **found, length_scale=[1.05]), longer, sample_of(longer, cube))
+    plain = errors_of(hypothesis(cube, **found), slippery)
+    scaled = errors_of(hypothesis(cube, **found, length_scale=[1.05]), longer)
     np.testing.assert_allclose(scaled, plain * [1.05, 1.0], atol=0.1)
 
 
@@ -101,8 +106,8 @@ def test_an_effect_that_mjcf_lacks_takes_no_part_and_is_named(cube: ObjectModel,
     found = hypothesis(cube, friction=[0.4], vortex=[2.0])
     run = rerun(found, Hypothesis(World(cube)), slippery, sample)
     assert run["not_in_it"] == ["vortex"]
-    without = errors_in_mujoco()(hypothesis(cube, friction=[0.4]), slippery, sample)
-    np.testing.assert_array_equal(errors_in_mujoco()(found, slippery, sample), without)
+    without = errors_of(hypothesis(cube, friction=[0.4]), slippery)
+    np.testing.assert_array_equal(errors_of(found, slippery), without)
 
 
 def test_of_many_tosses_some_are_run_and_counted(
@@ -110,6 +115,6 @@ def test_of_many_tosses_some_are_run_and_counted(
 ) -> None:
     monkeypatch.setattr(module, "MOST_SECONDS", 2.5 * FRAMES * DT)
     sample = sample_of(slippery, cube)
-    errors = errors_in_mujoco()(Hypothesis(World(cube)), slippery, sample)
+    errors = errors_of(Hypothesis(World(cube)), slippery)
     assert np.isfinite(errors).all(1).sum() == 2
     assert rerun(hypothesis(cube, friction=[0.4]), Hypothesis(World(cube)), slippery, sample)["n_tosses"] == 2

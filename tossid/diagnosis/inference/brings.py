@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.findings import Brings, Felt
+from tossid.diagnosis.findings import Brings, Felt, WholeToss
 from tossid.diagnosis.inference.found import Found
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.judge import Fold
@@ -30,19 +30,19 @@ from tossid.types import Toss
 Array = NDArray[np.float64]
 NOISE_DRAWS = 4
 """Of noise and of parameters, for the limit below which whole tosses feel nothing but these."""
-Errors = Callable[[Hypothesis, Sequence[Toss], Sample], Array]
-"""(m, 2) mean position error [% of the width] and rotation error [deg] of whole tosses; NaN where one diverged."""
+Runs = Callable[[Hypothesis, Sequence[Toss], Sample], list[Array]]
+"""Poses (n, nq) of each whole toss's frames; NaN where one diverged, or was not run."""
 
 
-def errors_in_tossid(hypothesis: Hypothesis, tosses: Sequence[Toss], sample: Sample) -> Array:
-    """`Errors` in tossid's own simulator, or in a user's that is called from Python.
+def runs_in_tossid(hypothesis: Hypothesis, tosses: Sequence[Toss], sample: Sample) -> list[Array]:
+    """`Runs` in tossid's own simulator, or in a user's that is called from Python.
 
     Args:
         hypothesis: What predicts.
         tosses: m of them.
         sample: Their windows.
     """
-    return toss_errors(tosses, hypothesis.world(), sample.windows, n_threads=sample.n_threads)
+    return rolled_out(tosses, hypothesis.world(), sample.windows, n_threads=sample.n_threads)
 
 
 def whole_tosses(
@@ -51,7 +51,7 @@ def whole_tosses(
     stated: Hypothesis,
     *,
     engine: Literal["mujoco", "python", "tossid"] = "tossid",
-    errors: Errors = errors_in_tossid,
+    runs: Runs = runs_in_tossid,
     unseen: bool = True,
     n_threads: int = 1,
 ) -> Brings:
@@ -61,18 +61,46 @@ def whole_tosses(
         folds: Of `judge.cross_fit`.
         tosses: All of them.
         stated: The simulator as it is stated.
-        engine: Of the errors.
-        errors: Of whole tosses under a hypothesis.
+        engine: Of the runs.
+        runs: Of whole tosses under a hypothesis.
         unseen: Whether the folds' tosses took no part.
         n_threads: Of simulators.
     """
-    before, after = np.full((len(tosses), 2), np.nan), np.full((len(tosses), 2), np.nan)
+    before, after = ([np.full_like(toss.q, np.nan) for toss in tosses] for _ in range(2))
     for fold in folds:
         held, part = _part(fold, tosses, n_threads)
-        before[fold.held] = errors(stated, held, part)
-        unchanged = fold.after is fold.before
-        after[fold.held] = before[fold.held] if unchanged else errors(fold.found.hypothesis, held, part)
-    return Brings(engine, before, after, stated.base.object.width, unseen)
+        was = runs(stated, held, part)
+        now = was if fold.after is fold.before else runs(fold.found.hypothesis, held, part)
+        for i, one, other in zip(fold.held.tolist(), was, now, strict=True):
+            before[i], after[i] = one, other
+    return brings_of(tosses, before, after, width=stated.base.object.width, engine=engine, unseen=unseen)
+
+
+def brings_of(
+    tosses: Sequence[Toss],
+    before: Sequence[Array],
+    after: Sequence[Array],
+    *,
+    width: float,
+    engine: Literal["mujoco", "python", "tossid"] = "tossid",
+    unseen: bool = True,
+) -> Brings:
+    """Errors of whole tosses before and after, and the worst toss itself.
+
+    Args:
+        tosses: B, as recorded.
+        before: B predicted motions (n, nq).
+        after: B with the changes.
+        width: Of the object [m].
+        engine: Of the predictions.
+        unseen: Whether the tosses took no part.
+    """
+    recorded = [toss.q for toss in tosses]
+    errors = [distances(runs, recorded, width) for runs in (before, after)]
+    far = np.where(np.isfinite(errors).all((0, 2)), errors[0][:, 0], -np.inf)
+    i = int(far.argmax())
+    worst = WholeToss(tosses[i].name, tosses[i].t - tosses[i].t[0], recorded[i], before[i], after[i])
+    return Brings(engine, errors[0], errors[1], width, unseen, worst if np.isfinite(far[i]) else None)
 
 
 def worsen(folds: Sequence[Fold], tosses: Sequence[Toss], names: Sequence[str], n_threads: int = 1) -> set[str]:
@@ -89,11 +117,15 @@ def worsen(folds: Sequence[Fold], tosses: Sequence[Toss], names: Sequence[str], 
         held, part = _part(fold, tosses, n_threads)
         h = fold.found.hypothesis
         inside = [name for name in names if name in h.names]
-        whole = errors_in_tossid(h, held, part) if inside else np.zeros((len(held), 2))
+        whole = _errors(h, held, part) if inside else np.zeros((len(held), 2))
         for name in inside:
-            worse[name].append(whole - errors_in_tossid(h.without(name), held, part))
+            worse[name].append(whole - _errors(h.without(name), held, part))
     medians = {name: np.nanmedian(np.concatenate(each), axis=0) for name, each in worse.items() if each}
     return {name for name, median in medians.items() if Felt(float(median[0]), float(median[1])).is_over()}
+
+
+def _errors(hypothesis: Hypothesis, tosses: Sequence[Toss], sample: Sample) -> Array:
+    return toss_errors(tosses, hypothesis.world(), sample.windows, n_threads=sample.n_threads)
 
 
 def _part(fold: Fold, tosses: Sequence[Toss], n_threads: int) -> tuple[list[Toss], Sample]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import mean_over_tosses
-from tossid.diagnosis.inference.brings import Errors
+from tossid.diagnosis.inference.brings import Runs
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.likelihood.engine_discrepancy import MujocoWorld
@@ -27,8 +27,8 @@ MOST_SECONDS = 60.0
 """Of tosses that are run in one call, evenly spread over those given. Rigid contact takes 10,000 steps for each."""
 
 
-def errors_in_mujoco(mjcf: Path | None = None) -> Errors:
-    """Errors of whole tosses in plain MuJoCo.
+def runs_in_mujoco(mjcf: Path | None = None) -> Runs:
+    """Motions of whole tosses in plain MuJoCo.
 
     A toss begins at what its first flight determines in the hypothesis's world. Effects that MJCF cannot express take
     no part. Where the recording is wrong, motions are recorded so.
@@ -38,12 +38,12 @@ def errors_in_mujoco(mjcf: Path | None = None) -> Errors:
             base world with nearly rigid contact if None.
 
     Returns:
-        `Errors`, in % of the base object's width; NaN also where tosses last longer than `MOST_SECONDS` together.
+        `Runs`; NaN also where tosses last longer than `MOST_SECONDS` together.
     """
-    return partial(_errors, mjcf)
+    return partial(_runs, mjcf)
 
 
-def _errors(mjcf: Path | None, hypothesis: Hypothesis, tosses: Sequence[Toss], sample: Sample) -> Array:
+def _runs(mjcf: Path | None, hypothesis: Hypothesis, tosses: Sequence[Toss], sample: Sample) -> list[Array]:
     patch = make_patch(hypothesis, mjcf=mjcf)
     world = hypothesis.without(*patch.not_expressed).world()
     most = max(1, int(MOST_SECONDS / np.mean([toss.t[-1] - toss.t[0] for toss in tosses])))
@@ -56,9 +56,9 @@ def _errors(mjcf: Path | None, hypothesis: Hypothesis, tosses: Sequence[Toss], s
     simulated = MujocoWorld(patch.model, replace(world, ground_height=0.0, ground_tilt=(0.0, 0.0)))
     steps = np.array([each[-1] for each in ticks])
     run = simulated.roll_out(q0, v0, n_steps=steps, dt=dt, n_threads=sample.n_threads)
-    out = np.full((len(tosses), 2), np.nan)
-    motions = [poses[each] for poses, each in zip(run, ticks, strict=True)]
-    out[some] = distances(motions, [toss.q for toss in run_of], hypothesis.base.object.width)
+    out = [np.full_like(toss.q, np.nan) for toss in tosses]
+    for i, poses, each in zip(some.tolist(), run, ticks, strict=True):
+        out[i] = poses[each]
     return out
 
 
@@ -74,8 +74,9 @@ def rerun(
         sample: Their windows.
         mjcf: The user's own model, if the simulator is one.
     """
-    errors = errors_in_mujoco(mjcf)
-    both = {"before": errors(stated, tosses, sample), "after": errors(hypothesis, tosses, sample)}
+    runs, width, recorded = runs_in_mujoco(mjcf), stated.base.object.width, [toss.q for toss in tosses]
+    worlds = {"before": stated, "after": hypothesis}
+    both = {name: distances(runs(h, tosses, sample), recorded, width) for name, h in worlds.items()}
     out: dict[str, Any] = {
         "engine": f"MuJoCo {mujoco.__version__}",
         "on": "tosses that took part in the fit",
