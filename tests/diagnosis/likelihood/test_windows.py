@@ -67,7 +67,7 @@ def test_slow_errors_are_estimated_at_rest_and_do_not_count_as_residuals(cube: O
     tosses = with_slow_errors(seen(world, cube, 24, seed=1, frames=150), (5e-4, 1e-2))
 
     def rms(windows: object) -> float:
-        kept, whitening = linearise(windows, world, refine=6)  # type: ignore[arg-type]
+        kept, whitening, _ = linearise(windows, world, steps=6)  # type: ignore[arg-type]
         r = whitening(kept.residuals(kept.predicted(world)))[kept.inside]
         return float(np.sqrt(np.minimum(r**2, 900.0).mean()))
 
@@ -118,7 +118,7 @@ def test_missing_frames_are_simulated_and_are_in_no_row(cube: ObjectModel) -> No
         at = np.searchsorted(ticks, windows.first[w] + 1 + np.flatnonzero(windows.present[w]))
         np.testing.assert_array_equal(windows.y[w, windows.present[w]], toss.q[at])
         np.testing.assert_array_equal(ticks[at], windows.first[w] + 1 + np.flatnonzero(windows.present[w]))
-    kept, whitening = linearise(windows, world, refine=6)
+    kept, whitening, _ = linearise(windows, world, steps=6)
     r = whitening(kept.residuals(kept.predicted(world)))[kept.inside]
     assert np.sqrt(np.mean(np.minimum(r**2, 9))) == pytest.approx(0.99, abs=0.03)
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.likelihood.density import log_densities, student_deviance, student_scales
 from tossid.diagnosis.likelihood.engine_discrepancy import EngineDifference
-from tossid.diagnosis.likelihood.whitening import Whitening, linearised
+from tossid.diagnosis.likelihood.whitening import Whitening, linearise, relinearise
 from tossid.diagnosis.likelihood.windows import Windows
 from tossid.settings.diagnosis.likelihood import DensitySettings
 from tossid.types import Phase
@@ -67,7 +67,7 @@ class Evidence:
     log_likelihood: Array
     difference: EngineDifference | None
     n_threads: int
-    _last: list[tuple[Hypothesis, Array]] = field(default_factory=list, compare=False, repr=False)
+    _last: list[tuple[Hypothesis, Array]] = field(default_factory=list, init=False, compare=False, repr=False)
 
     @staticmethod
     def at(
@@ -98,25 +98,22 @@ class Evidence:
         """Of whitened residuals."""
         return self.windows.settings.density
 
-    def near(self, hypothesis: Hypothesis, *, steps: int = 1, renew: bool = True, known: bool = True) -> Evidence:
+    def near(self, hypothesis: Hypothesis, *, steps: int = 1) -> Evidence:
         """The evidence of a hypothesis near by, whose first states follow by few Gauss-Newton steps.
 
         Args:
             hypothesis: The other hypothesis.
             steps: Most steps of each window's first state.
-            renew: Whether derivatives by first states are computed anew where predictions have moved.
-            known: Whether residuals here are of the simulator that predicts there; else all windows are simulated.
         """
         world = hypothesis.world()
-        windows, whitening, raw = linearised(
+        windows, whitening, raw = relinearise(
             self.windows,
             world,
-            refine=steps,
-            near=self.whitening,
-            update=renew,
+            self.whitening,
+            steps=steps,
+            residuals=self.raw_residuals(hypothesis),
+            moving=self.windows.feels(world, self.hypothesis.world()),
             difference=self.difference,
-            known=self.raw_residuals(hypothesis) if known else None,
-            moving=self.windows.feels(world, self.hypothesis.world()) if known else None,
             n_threads=self.n_threads,
         )
         return Evidence.at(hypothesis, windows, whitening, raw, self.difference, self.n_threads)
@@ -205,12 +202,12 @@ def collect(windows: Windows, hypothesis: Hypothesis, *, n_threads: int = 1) -> 
     """
     world, engine = hypothesis.world(), hypothesis.law.engine
     begin = replace(windows, at_q=windows.q, at_v=windows.v)
-    kept, whitening, raw = linearised(begin, world, refine=STATE_STEPS, restarts=RESTARTS, n_threads=n_threads)
+    kept, whitening, raw = linearise(begin, world, steps=STATE_STEPS, restarts=RESTARTS, n_threads=n_threads)
     difference = None
     if not engine.none:
         difference = engine.difference(kept, world, n_threads=n_threads)
-        kept, whitening, raw = linearised(
-            kept, world, refine=2, near=whitening, difference=difference, known=raw, n_threads=n_threads
+        kept, whitening, raw = relinearise(
+            kept, world, whitening, steps=2, residuals=raw, difference=difference, n_threads=n_threads
         )
     return Evidence.at(hypothesis, kept, whitening, raw, difference, n_threads)
 

@@ -97,5 +97,6 @@ def finely(evidence: Evidence) -> Evidence:
     parts = max(coarse.compliant_impact_parts // FINER, coarse.impact_parts)
     simulation = replace(coarse, substeps=FINER * coarse.substeps, compliant_impact_parts=parts)
     finer = replace(windows, settings=replace(windows.settings, simulation=simulation))
-    # (nothing of the coarse residuals is kept: they are of another simulator)
-    return replace(evidence, windows=finer).near(evidence.hypothesis, steps=3, known=False)
+    h = evidence.hypothesis
+    raw = finer.residuals(finer.predicted(h.world(), n_threads=evidence.n_threads))
+    return replace(evidence, windows=finer, raw=raw).near(h, steps=3)

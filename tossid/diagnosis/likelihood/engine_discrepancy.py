@@ -21,7 +21,6 @@ import numpy as np
 from mujoco import rollout
 from numpy.typing import NDArray
 
-from tossid.diagnosis.likelihood.distinct import distinct
 from tossid.diagnosis.likelihood.states import moved_pose
 from tossid.diagnosis.likelihood.windows import Windows
 from tossid.errors import InputError
@@ -193,8 +192,7 @@ def _difference(windows: Windows, ours: World, other: MujocoWorld, n_threads: in
     """(W, L, K) another engine's predictions of windows minus our own."""
     q, v, steps = windows.at_q, windows.at_v, windows.steps
     own = windows.predicted(ours, n_threads=n_threads)
-    rows, place = distinct(q, v, steps)
-    theirs = other.roll_out(q[rows], v[rows], n_steps=steps[rows], dt=windows.dt, n_threads=n_threads)[place, 1:]
+    theirs = other.roll_out(q, v, n_steps=steps, dt=windows.dt, n_threads=n_threads)[:, 1:]
     diverged = ~(np.isfinite(own).all((1, 2)) & np.isfinite(theirs).all((1, 2)))
     out: Array = windows.residuals(own) - windows.residuals(theirs)
     out[diverged] = 0.0

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.engine_discrepancy import EngineDifference
-from tossid.diagnosis.likelihood.first_frames import first_frames
 from tossid.diagnosis.likelihood.innovations import costs, factorise, gauss_newton, whiten
 from tossid.diagnosis.likelihood.residuals import one_sided
-from tossid.diagnosis.likelihood.states import difference, moved_state, of_state
+from tossid.diagnosis.likelihood.states import difference as state_difference
+from tossid.diagnosis.likelihood.states import moved_state, of_state
 from tossid.diagnosis.likelihood.windows import Windows
 from tossid.errors import SolverError
 from tossid.least_squares import Damping
@@ -42,7 +42,6 @@ class Whitening:
         by_state: (W, K L, 2 K) derivatives of the predictions by the first states.
         taken_at: (W, K L) residuals where these derivatives were taken.
         other: (W, K L) the difference to the other engine.
-        given_up: (W,) cost of a window's first state at which a restart has found none better; infinite without one.
     """
 
     own: Array
@@ -54,18 +53,16 @@ class Whitening:
     by_state: Array
     taken_at: Array
     other: Array
-    given_up: Array
 
-    def __call__(self, residuals: Array, index: Index | None = None) -> Array:
-        """(n, L, K) whitened residuals.
+    def __call__(self, residuals: Array) -> Array:
+        """(W, L, K) whitened residuals.
 
         Args:
-            residuals: (n, L, K) as of `Windows.residuals`.
-            index: (n,) of which windows; all W if None.
+            residuals: (W, L, K) as of `Windows.residuals`.
         """
-        index = np.arange(len(self.scale)) if index is None else index
         out = np.empty_like(residuals)
-        whiten(index, residuals, self.mean, self.own, self.columns, self.gain, self.scale, out)
+        every = np.arange(len(self.scale))
+        whiten(every, residuals, self.mean, self.own, self.columns, self.gain, self.scale, out)
         return out
 
     def rows(self, index: Index) -> Whitening:
@@ -77,112 +74,37 @@ class Whitening:
         return Whitening(*(getattr(self, field.name)[index] for field in fields(self)))
 
 
-@dataclass(frozen=True)
-class _Estimate:
-    """Windows at estimated first states.
-
-    Attributes:
-        windows: There.
-        cost: (W,) -2 log posterior, but for constants.
-        residuals: (W, K L) there.
-        taken_at: (W, K L) residuals where the derivatives were taken.
-        by_state: (W, K L, 2 K) these derivatives.
-    """
-
-    windows: Windows
-    cost: Array
-    residuals: Array
-    taken_at: Array
-    by_state: Array
-
-    def with_rows(self, index: Index, other: _Estimate, better: NDArray[np.bool_]) -> _Estimate:
-        """With some rows as they are in another estimate of `len(better)` windows, of which the better ones count."""
-        w = other.windows
-        new = (w.at_q, w.at_v, other.cost, other.residuals, other.taken_at, other.by_state)
-        at_q, at_v, cost, residuals, taken_at, by_state = (each[better] for each in new)
-        return _Estimate(
-            _with_states(self.windows, index, at_q, at_v),
-            _with(self.cost, index, cost),
-            _with(self.residuals, index, residuals),
-            _with(self.taken_at, index, taken_at),
-            _with(self.by_state, index, by_state),
-        )
-
-
 def linearise(
     windows: Windows,
     world: World,
     *,
-    refine: int = 2,
+    steps: int = 2,
     restarts: int = 0,
-    near: Whitening | None = None,
-    update: bool = True,
     difference: EngineDifference | None = None,
     n_threads: int = 1,
-) -> tuple[Windows, Whitening]:
+) -> tuple[Windows, Whitening, Array]:
     """The windows at first states that their own frames determine under a world, and the whitening there.
 
     Args:
         windows: At first states from which to begin.
         world: The simulator.
-        refine: Most Gauss-Newton steps of the first states, damped as by Marquardt.
+        steps: Most Gauss-Newton steps of the first states, damped as by Marquardt.
         restarts: How often windows that fit poorly are restarted, from what their first frames determine, then from
             perturbed first states: where contact opens or closes, the posterior has several modes.
-        near: The whitening under a world and first states near by. Its derivatives are used in all steps; at the end
-            they are computed anew only for windows whose predictions have moved.
-        update: Whether they are computed anew at the end.
         difference: To another engine's predictions of the same rigid contact. Its multiple in the residuals is a
             nuisance parameter of standard deviation 1.
         n_threads: Of the simulator.
+
+    Returns:
+        The windows, the whitening, and the residuals (W, L, K) there.
     """
-    kept, whitening, _ = linearised(
-        windows, world, refine=refine, restarts=restarts, near=near, update=update, difference=difference,
-        n_threads=n_threads,
-    )  # fmt: skip
-    return kept, whitening
-
-
-def linearised(
-    windows: Windows,
-    world: World,
-    *,
-    refine: int = 2,
-    restarts: int = 0,
-    near: Whitening | None = None,
-    update: bool = True,
-    difference: EngineDifference | None = None,
-    known: Array | None = None,
-    moving: NDArray[np.bool_] | None = None,
-    n_threads: int = 1,
-) -> tuple[Windows, Whitening, Array]:
-    """As `linearise`, with the residuals (W, L, K) that the world has at these first states.
-
-    Args:
-        windows: As of `linearise`, like the others.
-        world: The simulator.
-        refine: Most steps.
-        restarts: Of windows that fit poorly.
-        near: The whitening near by.
-        update: Whether derivatives are computed anew.
-        difference: To another engine's predictions.
-        known: (W, L, K) residuals of the world at the windows' first states, if they are known.
-        moving: (W,) windows whose first states are refined; all if None.
-        n_threads: Of the simulator.
-    """
-    (W, L), K = windows.inside.shape, windows.channels
-    settings = windows.settings.whitening
-    other, center = (np.zeros((W, L, K)), 0.0) if difference is None else (difference.values, difference.expected)
-    other = other.reshape(W, K * L)
-    best = _estimate(windows, world, (other, center), refine, near, n_threads, known, moving)
-    if near is None:
-        best, _ = _with_derivatives(best, world, np.arange(W), n_threads)
-    n = K * windows.inside.sum(1)
+    n, settings = windows.channels * windows.inside.sum(1), windows.settings.whitening
+    best = _Estimate(windows, world, *_other_engine(windows, difference), n_threads)
+    best.refine(steps)
+    best.renew(np.arange(len(n)))
     rng = np.random.default_rng(0)
-    fresh = np.full(W, near is None)
-    given_up = np.full(W, np.inf) if near is None else near.given_up.copy()
     for turn in range(restarts):
-        as_before = np.abs(best.cost - given_up) < settings.as_poor * best.cost
-        poor = np.flatnonzero((best.cost > n + settings.poor_fit * np.sqrt(2 * n)) & (~as_before | (turn > 0)))
+        poor = np.flatnonzero(best.cost > n + settings.poor_fit * np.sqrt(2 * n))
         if not len(poor):
             break
         some = best.windows.rows(poor)
@@ -192,59 +114,224 @@ def linearised(
             at_q, at_v = moved_state(some.at_q, some.at_v, _perturbations(some, best.by_state[poor], rng))
             begun = replace(some, at_q=at_q, at_v=at_v)
         # nearly right derivatives do not lead from one mode of an impact to another
-        tried = _estimate(begun, world, (other[poor], center), settings.restart_steps, None, n_threads, exact=True)
+        tried = _Estimate(begun, world, best.other[poor], best.expected, n_threads, exact=True)
+        tried.refine(settings.restart_steps)
         better = tried.cost < best.cost[poor]
-        tried, _ = _with_derivatives(tried, world, np.flatnonzero(better), n_threads, exact=True)
-        given_up[poor] = np.where(better, np.inf, best.cost[poor])
-        best = best.with_rows(poor[better], tried, better)
-        fresh[poor[better]] = True
-    if near is not None and update:
-        best, stale = _with_derivatives(best, world, np.arange(W), n_threads)
-        fresh[stale] = True
-    whitening = _whitening(best, other, center, near, fresh)
-    return best.windows, replace(whitening, given_up=given_up), best.residuals.reshape(W, L, K)
+        tried.renew(np.flatnonzero(better))
+        best.take(poor[better], tried, better)
+    return best.windows, best.whitening(np.arange(len(n))), best.residuals.reshape(windows.noise.shape)
+
+
+def relinearise(
+    windows: Windows,
+    world: World,
+    near: Whitening,
+    *,
+    steps: int,
+    residuals: Array,
+    moving: NDArray[np.bool_] | None = None,
+    difference: EngineDifference | None = None,
+    n_threads: int = 1,
+) -> tuple[Windows, Whitening, Array]:
+    """As `linearise`, from first states and derivatives of a world near by.
+
+    Its derivatives are used in all steps. At the end they are computed anew where predictions have moved.
+
+    Args:
+        windows: At first states from which to begin.
+        world: The simulator.
+        near: The whitening there under a world near by.
+        steps: Most Gauss-Newton steps of the first states.
+        residuals: (W, L, K) of the world at these first states.
+        moving: (W,) windows whose first states are refined; all if None.
+        difference: As of `linearise`.
+        n_threads: Of the simulator.
+    """
+    best = _Estimate(windows, world, *_other_engine(windows, difference), n_threads, near=near, residuals=residuals)
+    best.refine(steps, moving)
+    stale = best.renew(np.arange(len(near.other)))
+    changed = (best.other != near.other).any(1)
+    changed[stale] = True
+    return best.windows, best.whitening(np.flatnonzero(changed), near), best.residuals.reshape(residuals.shape)
+
+
+def _other_engine(windows: Windows, difference: EngineDifference | None) -> tuple[Array, float]:
+    """The difference to the other engine (W, K L), and how many times it is expected in the residuals."""
+    shape = (len(windows.q), windows.inside.shape[1] * windows.channels)
+    return (np.zeros(shape), 0.0) if difference is None else (difference.values.reshape(shape), difference.expected)
+
+
+class _Estimate:
+    """First states of W windows on the way to the modes of their posteriors.
+
+    Attributes:
+        windows: At these first states.
+        other: (W, K L) the difference to the other engine.
+        expected: How many times it is expected in the residuals.
+        residuals: (W, K L) there.
+        cost: (W,) -2 log posterior, but for constants.
+        by_state: (W, K L, 2 K) derivatives of predictions by first states.
+        taken_at: (W, K L) residuals where these were taken.
+    """
+
+    def __init__(
+        self,
+        windows: Windows,
+        world: World,
+        other: Array,
+        expected: float,
+        n_threads: int,
+        *,
+        exact: bool = False,
+        near: Whitening | None = None,
+        residuals: Array | None = None,
+    ) -> None:
+        """At the windows' own first states.
+
+        Args:
+            windows: The windows.
+            world: The simulator.
+            other: The difference to the other engine.
+            expected: How many times it is expected.
+            n_threads: Of the simulator.
+            exact: Whether derivatives are of the world itself, also where those of `World.by_first_states` cost less.
+            near: Derivatives of a world near by, which stay while first states are refined.
+            residuals: (W, L, K) at these first states, if they are known.
+        """
+        self.windows = replace(windows, at_q=windows.at_q.copy(), at_v=windows.at_v.copy())
+        self.world, self.other, self.expected, self.n_threads, self.exact = world, other, expected, n_threads, exact
+        every, q, v = np.arange(len(windows.q)), windows.at_q, windows.at_v
+        self.residuals = self._residuals(q, v, every) if residuals is None else residuals.reshape(other.shape).copy()
+        self.cost = self._costs(q, v, every, self.residuals)
+        self._renews = near is None
+        self.by_state = self._derivatives(every) if near is None else near.by_state.copy()
+        self.taken_at = self.residuals.copy() if near is None else near.taken_at.copy()
+
+    def refine(self, steps: int, moving: NDArray[np.bool_] | None = None) -> None:
+        """Take damped Gauss-Newton steps. A window whose cost falls no more is left as it is.
+
+        Derivatives are computed anew before a further step only: those at the end may be of the states before it.
+        """
+        w, settings = self.windows, self.windows.settings.whitening
+        damping, most = np.zeros(len(w.q)), of_state(settings.largest_step, w.channels)
+        rows = np.arange(len(w.q)) if moving is None else np.flatnonzero(moving)
+        for turn in range(steps if len(rows) else 0):
+            q, v, step = w.at_q[rows], w.at_v[rows], np.empty((len(rows), 2 * w.channels))
+            gauss_newton(
+                rows, self.residuals[rows], self.expected, self.other, w.root, self.by_state, _deviation(w, q, v, rows),
+                w.prior, damping[rows], step,
+            )  # fmt: skip
+            q, v = moved_state(q, v, np.clip(step, -most, most))
+            residuals = self._residuals(q, v, rows)
+            cost = self._costs(q, v, rows, residuals)
+            better, falls = cost < self.cost[rows], self.cost[rows] - cost > settings.least_decrease
+            damping[rows] = DAMPING.each(damping[rows], better)
+            index = rows[better]
+            w.at_q[index], w.at_v[index] = q[better], v[better]
+            self.residuals[index], self.cost[index] = residuals[better], cost[better]
+            again, rows = rows[better & falls], rows[falls | (~better & (damping[rows] < settings.most_damping))]
+            if not len(rows):
+                break
+            if self._renews and turn < steps - 1:
+                self.renew(again)
+
+    def renew(self, among: Index) -> Index:
+        """Compute derivatives anew in those windows among some whose predictions have moved; which these are."""
+        moved = np.abs(self.residuals[among] - self.taken_at[among]) / np.sqrt(self.windows.variances(among))
+        stale = among[moved.max(1) > self.windows.settings.whitening.reuse_tolerance]
+        if len(stale):
+            self.by_state[stale], self.taken_at[stale] = self._derivatives(stale), self.residuals[stale]
+        return stale
+
+    def take(self, index: Index, other: _Estimate, better: NDArray[np.bool_]) -> None:
+        """Take some rows as they are in another estimate, of whose rows the better ones count."""
+        self.windows.at_q[index], self.windows.at_v[index] = other.windows.at_q[better], other.windows.at_v[better]
+        for name in ("residuals", "cost", "by_state", "taken_at"):
+            getattr(self, name)[index] = getattr(other, name)[better]
+
+    def whitening(self, new: Index, near: Whitening | None = None) -> Whitening:
+        """The whitening there. Factors of windows that are not new are those of another whitening."""
+        w, (W, KL, K2) = self.windows, self.by_state.shape
+        deviation = _deviation(w, w.at_q, w.at_v, np.arange(W))
+        mean = (self.by_state @ deviation[..., None])[..., 0] + self.expected * self.other
+        mean[~np.repeat(w.inside, w.channels, axis=1)] = 0.0
+        shapes = ((W, KL, K2 + 1), (W, KL, K2 + 1), (W, KL), (W,))
+        old = (None,) * 4 if near is None else (near.columns, near.gain, near.scale, near.log_det)
+        factors = [np.empty(shape) if a is None else a.copy() for a, shape in zip(old, shapes, strict=True)]
+        factorise(new, w.root, self.by_state, w.prior, self.other, *factors)
+        columns, gain, scale, log_det = factors
+        if not np.isfinite(log_det[new]).all():
+            raise SolverError("a window's covariance is singular", total=1)
+        return Whitening(w.root, columns, gain, scale, mean, log_det, self.by_state, self.taken_at, self.other)
+
+    def _residuals(self, q: Array, v: Array, rows: Index) -> Array:
+        """(n, K L) of some windows."""
+        predicted = self.windows.predicted(self.world, q, v, rows, n_threads=self.n_threads)
+        return self.windows.residuals(predicted, rows).reshape(len(rows), -1)
+
+    def _costs(self, q: Array, v: Array, rows: Index, residuals: Array) -> Array:
+        """(n,) of some windows."""
+        w, out = self.windows, np.empty(len(rows))
+        costs(rows, residuals, self.expected, self.other, w.root, _deviation(w, q, v, rows), w.prior, out)
+        return out
+
+    def _derivatives(self, rows: Index) -> Array:
+        """(n, K L, 2 K) derivatives of some windows' predictions by first states: one-sided differences."""
+        windows, K, n = self.windows, self.windows.channels, len(rows)
+        world, residuals = self.world if self.exact else self.world.by_first_states, self.residuals[rows]
+        if world is not self.world:
+            predicted = windows.predicted(world, index=rows, n_threads=self.n_threads)
+            residuals = windows.residuals(predicted, rows).reshape(n, -1)
+        steps = of_state(windows.settings.whitening.difference, K)
+        # where the world is the same everywhere, predictions move along x and y with the first position
+        given = 2 if world.same_everywhere else 0
+        count, every = 2 * K - given, np.tile(rows, 2 * K - given)
+        delta = np.repeat(np.diag(steps)[given:], n, axis=0)
+        q, v = moved_state(windows.at_q[every], windows.at_v[every], delta)
+        run = windows.predicted(world, q, v, every, near=True, n_threads=self.n_threads)
+        S = np.empty((n, residuals.shape[1], 2 * K))
+        one_sided(residuals, windows.residuals(run, every).reshape(count, n, -1), steps, windows.inside[rows], S)
+        return S
+
+
+def first_frames(windows: Windows, share: float) -> Windows:
+    """The windows with their first frames only.
+
+    Args:
+        windows: Any, but for long ones, in which a row is more than a frame (`Windows.steady`).
+        share: Of the frames of each that are left, rounded up.
+    """
+    (W, L), F = windows.inside.shape, windows.mix.shape[2]
+    later = np.arange(L) >= np.ceil(share * windows.inside.sum(axis=1))[:, None]
+    mix = np.where(later[..., None], 0.0, windows.mix)
+    beyond = np.append(np.zeros((W, 1), dtype=bool), later, axis=1)
+    return replace(
+        windows,
+        steps=(np.arange(1, F + 1) * mix.any(axis=1)).max(axis=1),
+        mix=mix,
+        inside=windows.inside & ~later,
+        noise=np.where(later[..., None], 1.0, windows.noise),
+        # rows beyond are nobody's: neither residuals nor the errors of earlier rows enter them
+        root=np.where(beyond[:, None, :, None], np.eye(L + 1), windows.root),
+    )
 
 
 def _followed(windows: Windows, world: World, n_threads: int) -> Windows:
-    """Windows at first states that are followed from recorded ones while more and more of their frames take part."""
-    windows, settings = replace(windows, at_q=windows.q, at_v=windows.v), windows.settings.whitening
+    """Windows at first states that are followed from recorded ones while more and more of their frames take part.
+
+    Over all frames of a window with contact, the posterior of its first state has several modes: after a slightly
+    other state, another impact follows. Over the first few frames it has one. From there the mode is followed, as in
+    continuation (Allgower and Georg, "Numerical Continuation Methods", 1990).
+    """
+    settings, at_q, at_v = windows.settings.whitening, windows.q.copy(), windows.v.copy()
     index = np.flatnonzero(~windows.steady)
     nothing = np.zeros((len(index), windows.inside[0].size * windows.channels))
     for share in settings.first_frames if len(index) else ():
-        part = first_frames(windows.rows(index), share)
-        part = _estimate(part, world, (nothing, 0.0), settings.followed_steps, None, n_threads, exact=True).windows
-        windows = _with_states(windows, index, part.at_q, part.at_v)
-    return windows
-
-
-def _with_derivatives(
-    there: _Estimate, world: World, among: Index, n_threads: int, exact: bool = False
-) -> tuple[_Estimate, Index]:
-    """Derivatives computed anew in those windows among some whose predictions have moved since they were taken.
-
-    Returns:
-        The estimate with them, and which windows these are.
-    """
-    windows = there.windows
-    moved = np.abs(there.residuals[among] - there.taken_at[among]) / np.sqrt(windows.variances(among))
-    stale = among[moved.max(1) > windows.settings.whitening.reuse_tolerance]
-    if len(stale):
-        new = _derivatives(windows, world, there.residuals[stale], stale, exact=exact, n_threads=n_threads)
-        taken_at = _with(there.taken_at, stale, there.residuals[stale])
-        there = replace(there, by_state=_with(there.by_state, stale, new), taken_at=taken_at)
-    return there, stale
-
-
-def _with(values: Array, index: Index, new: Array) -> Array:
-    """A copy with rows replaced."""
-    out = values.copy()
-    out[index] = new
-    return out
-
-
-def _with_states(windows: Windows, index: Index, at_q: Array, at_v: Array) -> Windows:
-    """The windows, some of them at other first states."""
-    return replace(windows, at_q=_with(windows.at_q, index, at_q), at_v=_with(windows.at_v, index, at_v))
+        part = first_frames(replace(windows.rows(index), at_q=at_q[index], at_v=at_v[index]), share)
+        there = _Estimate(part, world, nothing, 0.0, n_threads, exact=True)
+        there.refine(settings.followed_steps)
+        at_q[index], at_v[index] = there.windows.at_q, there.windows.at_v
+    return replace(windows, at_q=at_q, at_v=at_v)
 
 
 def _perturbations(at: Windows, by_state: Array, rng: np.random.Generator) -> Array:
@@ -262,134 +349,6 @@ def _perturbations(at: Windows, by_state: Array, rng: np.random.Generator) -> Ar
     return np.asarray(2 * np.linalg.solve(np.linalg.cholesky(H).mT, z)[..., 0], dtype=float)
 
 
-def _estimate(
-    windows: Windows,
-    world: World,
-    engine: tuple[Array, float],
-    refine: int,
-    near: Whitening | None,
-    n_threads: int,
-    known: Array | None = None,
-    moving: NDArray[np.bool_] | None = None,
-    exact: bool = False,
-) -> _Estimate:
-    """Windows at refined first states. A window whose cost falls no more is left as it is.
-
-    Derivatives are computed anew before a further step only, so that those at the end may be of the states before it.
-
-    engine: the difference to the other engine (W, K L), and how many times it is expected in the residuals.
-    known: (W, L, K) residuals at the windows' own first states. moving: (W,) windows that are refined, all if None.
-    exact: as of `_derivatives`.
-    """
-    (W, L), K = windows.inside.shape, windows.channels
-    settings, (other, center) = windows.settings.whitening, engine
-    most = of_state(settings.largest_step, K)
-
-    def residuals_at(q: Array, v: Array, rows: Index) -> Array:
-        """(n, K L) of some windows."""
-        predicted = windows.predicted(world, q, v, rows, n_threads=n_threads)
-        return windows.residuals(predicted, rows).reshape(len(rows), K * L)
-
-    def cost_at(q: Array, v: Array, rows: Index, residuals: Array) -> Array:
-        """(n,) of some windows."""
-        out = np.empty(len(rows))
-        deviation = _deviation(windows, q, v, rows)
-        costs(rows, residuals, center, other, windows.root, deviation, windows.prior, out)
-        return out
-
-    damping, rows = np.zeros(W), np.arange(W)
-    at_q, at_v = windows.at_q, windows.at_v
-    residuals = residuals_at(at_q, at_v, rows) if known is None else known.reshape(W, K * L)
-    cost = cost_at(at_q, at_v, rows, residuals)
-    taken_at = residuals if near is None else near.taken_at
-    if near is None:
-        by_state = _derivatives(windows, world, residuals, rows, exact=exact, n_threads=n_threads)
-    else:
-        by_state = near.by_state
-    best = _Estimate(windows, cost, residuals, taken_at, by_state)
-    rows = rows if moving is None else np.flatnonzero(moving)
-    for turn in range(refine if len(rows) else 0):
-        here, step = best.windows, np.empty((len(rows), 2 * K))
-        q, v = here.at_q[rows], here.at_v[rows]
-        gauss_newton(
-            rows, best.residuals[rows], center, other, here.root, best.by_state, _deviation(here, q, v, rows),
-            here.prior, damping[rows], step,
-        )  # fmt: skip
-        q, v = moved_state(q, v, np.clip(step, -most, most))
-        trial = residuals_at(q, v, rows)
-        trial_cost = cost_at(q, v, rows, trial)
-        better = trial_cost < best.cost[rows]
-        falls = best.cost[rows] - trial_cost > settings.least_decrease
-        damping[rows] = DAMPING.each(damping[rows], better)
-        index = rows[better]
-        best = replace(
-            best,
-            windows=_with_states(best.windows, index, q[better], v[better]),
-            residuals=_with(best.residuals, index, trial[better]),
-            cost=_with(best.cost, index, trial_cost[better]),
-        )
-        again, rows = rows[better & falls], rows[falls | (~better & (damping[rows] < settings.most_damping))]
-        if not len(rows):
-            break
-        if near is None and turn < refine - 1:
-            best, _ = _with_derivatives(best, world, again, n_threads, exact)
-    return best
-
-
-def _whitening(
-    best: _Estimate, other: Array, center: float, near: Whitening | None, fresh: NDArray[np.bool_]
-) -> Whitening:
-    """The whitening of windows.
-
-    Factors are those of `near` where no derivatives are fresh and the difference to the other engine is as it was.
-    """
-    windows, S = best.windows, best.by_state
-    (W, KL, _), K = S.shape, windows.channels
-    every = np.arange(W)
-    deviation = _deviation(windows, windows.at_q, windows.at_v, every)
-    mean = (S @ deviation[..., None])[..., 0] + center * other
-    mean[~np.repeat(windows.inside, K, axis=1)] = 0.0
-    if near is None:
-        new, R = every, 2 * K + 1
-        columns, gain = np.empty((W, KL, R)), np.empty((W, KL, R))
-        scale, log_det = np.empty((W, KL)), np.empty(W)
-    else:
-        new = np.flatnonzero(fresh | (other != near.other).any(1))
-        columns, gain, scale, log_det = near.columns, near.gain, near.scale, near.log_det
-        if len(new):
-            columns, gain, scale, log_det = columns.copy(), gain.copy(), scale.copy(), log_det.copy()
-    if len(new):
-        factorise(new, windows.root, S, windows.prior, other, columns, gain, scale, log_det)
-        if not np.isfinite(log_det[new]).all():
-            raise SolverError("a window's covariance is singular", total=1)
-    return Whitening(windows.root, columns, gain, scale, mean, log_det, S, best.taken_at, other, np.full(W, np.inf))
-
-
-def _derivatives(
-    windows: Windows, world: World, residuals: Array, rows: Index, *, exact: bool = False, n_threads: int
-) -> Array:
-    """(n, K L, 2 K) derivatives of predictions by first states, where residuals are (n, K L): one-sided differences.
-
-    rows: (n,) of which windows. exact: of the world itself, also where those of `World.by_first_states` cost less.
-    """
-    n, L, K = len(rows), windows.inside.shape[1], windows.channels
-    near = world if exact else world.by_first_states
-    if near is not world:
-        world, residuals = near, windows.residuals(windows.predicted(near, index=rows, n_threads=n_threads), rows)
-        residuals = residuals.reshape(n, K * L)
-    steps = of_state(windows.settings.whitening.difference, K)
-    # where the world is the same everywhere, predictions move along x and y with the first position
-    given = 2 if world.same_everywhere else 0
-    count = 2 * K - given
-    delta = np.repeat(np.diag(steps)[given:], n, axis=0)
-    every = np.tile(rows, count)
-    q, v = moved_state(windows.at_q[every], windows.at_v[every], delta)
-    run = windows.predicted(world, q, v, every, near=True, n_threads=n_threads)
-    S = np.empty((n, K * L, 2 * K))
-    one_sided(residuals, windows.residuals(run, every).reshape(count, n, K * L), steps, windows.inside[rows], S)
-    return S
-
-
 def _deviation(windows: Windows, at_q: Array, at_v: Array, rows: Index) -> Array:
     """(n, 2 K) recorded first states of some windows minus those at hand."""
-    return np.concatenate([difference(windows.q[rows], at_q), windows.v[rows] - at_v], axis=1)
+    return np.concatenate([state_difference(windows.q[rows], at_q), windows.v[rows] - at_v], axis=1)

@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.cuts import FrameClock, cut_consecutively, cut_flights, pose_std
-from tossid.diagnosis.likelihood.distinct import distinct
 from tossid.diagnosis.likelihood.residuals import mean_residuals
 from tossid.diagnosis.likelihood.slow_errors import inverse_factors, slow_covariance
 from tossid.motion.resting import rest_scatter
@@ -155,11 +154,6 @@ class Windows:
         below = np.maximum(*(each.lower_corners(self.stated, *self.extent.T) for each in (world, other)))
         return np.asarray(self.clearance < self.settings.windows.clearance + ground + below)
 
-    @property
-    def weights(self) -> Array:
-        """(W,) weights of windows in fits: what flight determines, contact shall hardly change."""
-        return np.where(self.free, self.settings.windows.flight_weight, 1.0)
-
     def variances(self, index: NDArray[np.int64]) -> Array:
         """(n, K L) of the measured poses [m², rad²]; 1 in rows that do not exist.
 
@@ -193,13 +187,8 @@ class Windows:
         q, v = at if q is None or v is None else (q, v)
         n_steps = np.tile(self.steps, len(q) // len(self.steps)) if index is None else self.steps[index]
         how = steps_of(world, self.settings.simulation)
-        beside = at if near else None
-        rows, place = distinct(q, v, n_steps, *(beside or ()))
-        repeated = len(rows) < len(q)
-        if repeated:
-            q, v, n_steps, beside = q[rows], v[rows], n_steps[rows], (at[0][rows], at[1][rows]) if near else None
-        run = world.roll_out(q, v, n_steps=n_steps, dt=self.dt, near=beside, **how, n_threads=n_threads)
-        return run[place, 1:] if repeated else run[:, 1:]
+        run = world.roll_out(q, v, n_steps=n_steps, dt=self.dt, near=at if near else None, **how, n_threads=n_threads)
+        return run[:, 1:]
 
     def residuals(self, predicted: Array, index: NDArray[np.int64] | None = None) -> Array:
         """(n, L, K) measured minus predicted: position [m], rotation vector in the body frame [rad], joints [rad].

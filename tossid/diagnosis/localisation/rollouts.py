@@ -137,6 +137,6 @@ def first_states(
         states = flight_states(tosses, world.object, gravity=world.gravity * r.length_scale / r.clock_rate**2)
         q, v = np.stack([s.q for s in states]), np.stack([s.v for s in states])
     if len(begin):
-        kept, _ = linearise(windows.rows(begin), world, refine=6, restarts=restarts, n_threads=n_threads)
+        kept, _, _ = linearise(windows.rows(begin), world, steps=6, restarts=restarts, n_threads=n_threads)
         q[kept.toss], v[kept.toss] = kept.at_q, kept.at_v
     return q, v

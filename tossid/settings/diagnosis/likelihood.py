@@ -27,9 +27,6 @@ class WindowSettings:
     """largest difference of a later flight's acceleration to the first one's, over gravity"""
     velocity_jump: Positive = 3.0
     """a flight ends where the velocity jumps by so many times gravity's change of velocity in a frame, beyond noise"""
-    flight_weight: Positive = 100.0
-    """weight of a window of free flight over one with contact, whose model is never as good: what both determine,
-    flight decides (cut feedback; Plummer, Stat. Comput. 2015)"""
     frames_before_landing: Annotated[int, Bounds(low=0)] = 10
     """frames of flight that stay in the window with the landing, to determine its first velocity"""
     clearance: Positive = 3e-3
@@ -75,8 +72,6 @@ class WhiteningSettings:
 
     poor_fit: Positive = 3.0
     """standard deviations of chi-squared by which a window's cost exceeds its mean before it is restarted"""
-    as_poor: Fraction = 0.1
-    """relative difference of a window's cost to that at which a restart has failed, within which none is tried again"""
     restart_steps: Count = 4
     """Gauss-Newton steps of a restart"""
     first_frames: tuple[Fraction, ...] = (0.2, 0.4, 0.6, 0.8)
