@@ -25,7 +25,7 @@ DATA     ?= $(or $(TOSSID_SHARED_DATA),../shared/data)
 RUN_ONE  := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup lock demo experiments coverage calibration unknown shapes links starts fields paper tagslam truth test coverage-report test-slow fuzz check format dependencies bench bench-against profile docs figures clean distclean
+.PHONY: help setup lock demo experiments coverage calibration unknown shapes links starts fields paper tagslam truth test coverage-report test-slow fuzz check format dependencies bench bench-against profile mutants docs figures clean distclean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -133,6 +133,9 @@ profile: $(STAMP)  ## where a diagnosis's time goes, by stage: make DATASET=FILE
 
 bench-against: $(STAMP)  ## the simulator's speed beside an earlier commit's, in turns: make COMMIT=NAME bench-against
 	$(BIN)/python -m benchmarks.bench_against $(COMMIT)
+
+mutants: $(STAMP)  ## small faults in the sources, and the tests that notice them; hours: make OPTIONS="--count 6" mutants
+	$(RUN_ONE) $(BIN)/python -m benchmarks.mutants $(OPTIONS)
 
 docs: $(STAMP)  ## the documentation as a site, in build/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
