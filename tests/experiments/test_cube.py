@@ -10,7 +10,6 @@ import pytest
 from experiments import cube as experiments
 from pipelines.config.compose import load
 from pipelines.config.schemas import COMMANDS
-from tossid.errors import FileError
 
 Call = tuple[str, list[str]]
 
@@ -57,9 +56,3 @@ def test_datasets_are_made_once_and_every_study_is_called(project: Path, called:
     called.clear()
     experiments.main(project / "nowhere")
     assert called == first
-
-
-def test_recordings_that_are_not_there_are_said(project: Path, called: list[Call]) -> None:
-    with pytest.raises(FileError, match="has no folder contactnets_cube; name the recordings' folder"):
-        experiments.main(project)
-    assert called == []

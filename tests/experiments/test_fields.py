@@ -19,12 +19,6 @@ from tossid.settings.training import TrainSettings
 SMALL = fields.Study(("vortex",), tosses=6, held_out=3, seeds=(0,))
 
 
-def test_arguments(tmp_path: Path) -> None:
-    assert fields.parsed([str(tmp_path)]) == (tmp_path, fields.Study())
-    asked = [str(tmp_path), "--fields", "vortex", "none", "--tosses", "9", "--seeds", "1"]
-    assert fields.parsed(asked)[1] == fields.Study(("vortex", "none"), 9, 20, (0,))
-
-
 def test_held_out_tosses_are_in_the_stripes_and_between_them() -> None:
     thrown = fields.throw("steady vortex", SMALL, 0)
     assert [toss.split for toss in thrown.learned.tosses] == ["train"] * 6 + ["validation"] * 3 + ["test"] * 3

@@ -2,19 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
-from experiments.links import parsed, simulated
+from experiments.links import simulated
 from tossid.settings.synthesis import ShapeTossSettings
-
-
-def test_arguments_say_how_links_are_tossed_or_what_was_recorded() -> None:
-    models, recorded, settings = parsed(["cn", "--engine", "lcp", "--seed", "2", "--tosses", "30"])
-    assert (models, recorded) == (["cn"], None)
-    assert settings == ShapeTossSettings(engine="lcp", seed=2, tosses=30, mass=0.37)
-    assert parsed(["--recorded", "elbow.h5"])[:2] == (["cn", "cnrpi"], Path("elbow.h5"))
 
 
 @pytest.mark.slow

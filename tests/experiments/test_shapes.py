@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from experiments.shapes import apart, parsed
+from experiments.shapes import apart
 from tests.objects.test_roundness import geom
-from tossid.settings.synthesis import ShapeTossSettings
 from tossid.types import PoseTrack
 
 
@@ -22,9 +21,3 @@ def test_only_what_came_near_the_ground_counts() -> None:
     assert 0.4 < share < 0.6
     shifted = learned.with_changes(corner_pos=learned.corner_pos + np.where(signs[:, 2:] < 0, [0, 0, -0.01], 0))
     assert apart(shifted, signs * 0.05, truth)[0] == pytest.approx(0.01, rel=0.02)
-
-
-def test_arguments_say_how_shapes_are_tossed() -> None:
-    shapes, model, settings = parsed(["wedge", "--engine", "lcp", "--seed", "2", "--friction", "0.5"])
-    assert (shapes, model) == (["wedge"], "cnrpi")
-    assert settings == ShapeTossSettings(engine="lcp", seed=2, friction=0.5)

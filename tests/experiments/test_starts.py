@@ -14,13 +14,6 @@ from tossid.objects import ObjectModel
 from tossid.store import Dataset, draw_splits
 
 
-def test_arguments(tmp_path: Path) -> None:
-    assert starts.parsed([str(tmp_path)]) == (tmp_path, starts.Study("cnrpi", 64, 3, 20))
-    asked = [str(tmp_path), "--model", "cn", "--tosses", "8", "--restarts", "0", "--starts", "2"]
-    assert starts.parsed(asked)[1] == starts.Study("cn", 8, 0, 2)
-    assert starts.parsed([*asked, "--seed", "3"])[1] == starts.Study("cn", 8, 0, 2, seed=3)
-
-
 @pytest.mark.slow
 def test_rows_say_where_a_start_ended(
     cube: ObjectModel, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -2,29 +2,10 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
 import pytest
 
-from experiments import users_simulator
-from experiments.users_simulator import ENGINES, main, run, table
+from experiments.users_simulator import ENGINES, run, table
 from tossid.physics.effects.registry import all_effects
-
-
-def test_a_case_that_is_there_is_not_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[str] = []
-
-    def noted(engine: object, name: str, **keys: object) -> dict[str, str]:
-        asked.append(name)
-        return {"case": name}
-
-    monkeypatch.setattr(users_simulator, "run", noted)
-    out = tmp_path / "lines.jsonl"
-    out.write_text(json.dumps({"case": "gravity-"}) + "\n")
-    main([f"out={out}", "gravity-", "friction+"])
-    assert asked == ["friction+"]
-    assert [json.loads(line)["case"] for line in out.read_text().splitlines()] == ["gravity-", "friction+"]
 
 
 @pytest.mark.slow

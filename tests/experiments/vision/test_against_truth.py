@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.vision import against_truth as against
-from experiments.vision.against_truth import Row, against_truth, at_times, main, near_impact, nees
+from experiments.vision.against_truth import against_truth, at_times, near_impact, nees
 from pipelines.cli.call import call_with_keys
 from pipelines.cli.console import Console
 
@@ -41,22 +40,6 @@ def test_a_film_comes_out_as_it_was(name: str, project: Path) -> None:
     assert abs(_number(found["ground's height from rests [mm]"])) < 0.2
     if name == "elbow":
         assert _number(found["joint angle, median [°]"]) < 0.1  # 0.3
-
-
-def test_what_is_filmed_is_taken_as_it_is(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[list[str]] = []
-    said: list[str] = []
-    (project / "outputs/truth/cube-1").mkdir(parents=True)
-    monkeypatch.setattr(against, "call_with_keys", lambda command, keys, **_: made.append(keys))
-    monkeypatch.setattr(against, "against_truth", lambda folder, console: [Row("flips", "0", folder.name)])
-    monkeypatch.setattr(Console, "say", lambda self, text="": said.append(text))
-    main(["cube"])
-    assert [keys[:2] for keys in made] == [["object=cube", "seed=2"]]
-    assert said[-1].splitlines() == [
-        "| what | wanted | cube-1 | cube-2 |",
-        "| --- | --- | --- | --- |",
-        "| flips | 0 | cube-1 | cube-2 |",
-    ]
 
 
 def test_two_frames_on_each_side_of_an_impact_are_left_out() -> None:
