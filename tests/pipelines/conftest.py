@@ -23,12 +23,30 @@ from tests.once import made_once
 if TYPE_CHECKING:
     from pipelines.drawing.recording_view import ViewContent
 
-KEYS = ["model=cnrpi", "epochs=12", "patience=12"]
+KEYS = ["model=cnrpi", "model.horizons=[]", "epochs=12", "patience=12"]
 """A short training."""
 
 LATE_FILM = ["tosses=1", "seed=2", "camera.count=2", "camera.samples=4", "camera.clocks_s=[0,0.02]"]
 LATE_FILM += ["camera.pause_s=[0.1,0.1]", "camera.carry_s=[0.2,0.2]", "out=film"]
 """A small recording, one of whose clocks is late."""
+
+USER = """<mujoco model="mine">
+  <option timestep="0.001" cone="elliptic"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="5 5 .1" friction="0.18 0.005 0.0001"/>
+    <body name="cube">
+      <freejoint/>
+      <inertial pos="0 0 0" mass="0.37" diaginertia="0.00081 0.00081 0.00081"/>
+      <geom type="box" size="0.0524 0.0524 0.0524" friction="0.18 0.005 0.0001"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+"""A user's own simulator of the cube."""
+
+MODEL = """<mujoco>{head}<worldbody><body name="base"><freejoint/><geom type="box" size="0.05 0.05 0.05"/></body>
+</worldbody></mujoco>"""
+"""A box."""
 
 Run = Callable[..., "subprocess.CompletedProcess[str]"]
 

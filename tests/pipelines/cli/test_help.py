@@ -1,7 +1,8 @@
-"""Help pages list every command and key, and import nothing heavy."""
+"""Help pages and what Tab offers: every command and key, without heavy imports."""
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,12 +11,20 @@ import pytest
 
 from pipelines.cli import app
 from pipelines.cli.help import command_names
-from tests.pipelines.conftest import Run
+
+LIGHT = """
+import sys
+from pipelines.cli import app
+codes = [app.run(args) for args in (["--help"], ["--version"], ["train", "--help"], ["diagnose", "--help"])]
+heavy = {"hydra", "omegaconf", "mlflow", "torch", "numpy", "numba", "cv2", "h5py", "mujoco"} & set(sys.modules)
+sys.exit(f"imported {heavy}" if heavy or any(codes) else 0)
+"""
 
 
-def test_help_names_every_command(tossid: Run) -> None:
-    done = tossid("--help")  # in a process of its own, as a user calls it
-    assert done.returncode == 0
+def test_help_names_every_command_and_imports_nothing_heavy(project: Path) -> None:
+    done = subprocess.run([sys.executable, "-c", LIGHT], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert "\ntossid 0." in done.stdout
     for name in command_names():
         assert name in done.stdout
 
@@ -31,14 +40,55 @@ def test_help_lists_keys_with_units(project: Path, capfd: pytest.CaptureFixture[
             assert words in out
 
 
-def test_help_imports_nothing_heavy(project: Path) -> None:
-    script = (
-        "import sys\nfrom pipelines.cli import app\n"
-        "code = app.run(sys.argv[1:])\n"
-        "heavy = {'hydra', 'omegaconf', 'mlflow', 'torch', 'numpy', 'numba', 'cv2', 'h5py', 'mujoco'}\n"
-        "heavy &= set(sys.modules)\n"
-        "sys.exit(f'imported {heavy}' if heavy or code else 0)"
-    )
-    for args in (["--help"], ["train", "--help"], ["diagnose", "--help"], ["ingest", "--help"]):
-        done = subprocess.run([sys.executable, "-c", script, *args], capture_output=True, text=True, timeout=60)
-        assert done.returncode == 0, done.stderr
+# ---------------------------------------------------------------- completion
+
+
+def offered(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], shell: str, **words: str) -> str:
+    """What a shell gets for a line."""
+    for name, value in words.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setenv("_TOSSID_COMPLETE", f"complete_{shell}")
+    with pytest.raises(SystemExit):
+        app.run([])
+    return capfd.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["tra"], ["track", "train"]),
+        (["train", "optim"], ["optimizer=lbfgs", "optimizer=adam"]),
+        (["train", "pat"], ["patience=", "patience=<a whole number of at least 1>"]),
+        (["train", "model", "=", "cnrp"], ["cnrp", "cnrp_world", "cnrpi"]),
+        (["train", "restart", "="], ["true", "false"]),
+        (["train", "--q"], ["--quiet"]),
+        (
+            ["evaluate", "launcher=dask", "launcher."],
+            ["launcher.address=", "launcher.tls=", "launcher.insecure=", "launcher.wait_s="],
+        ),
+        (["train", "nothing"], [""]),
+    ],
+)
+def test_bash(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], words: list[str], expected: list[str]
+) -> None:
+    line = {"COMP_WORDS": "\n".join(["tossid", *words]), "COMP_CWORD": str(len(words))}
+    assert offered(monkeypatch, capfd, "bash", **line).split("\n")[:-1] == expected
+
+
+def test_zsh(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    said = offered(monkeypatch, capfd, "zsh", _TYPER_COMPLETE_ARGS="tossid train model=cnrp")
+    assert '"model=cnrp"\n"model=cnrp_world"\n"model=cnrpi"' in said
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")
+def test_the_script_works_in_bash(tmp_path: Path) -> None:
+    script = f"""
+    eval "$({sys.executable} -c 'from pipelines.cli import app; app.main(["--show-completion", "bash"])')"
+    printf '#!/bin/sh\\nexec {sys.executable} -m pipelines.cli.app "$@"\\n' > tossid; chmod +x tossid
+    COMP_WORDS=(tossid synth); COMP_CWORD=1
+    _tossid_completion "{tmp_path}/tossid"
+    echo "${{COMPREPLY[@]}}"
+    """
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=60, cwd=tmp_path)
+    assert done.stdout.split() == ["synthesize"], done.stderr

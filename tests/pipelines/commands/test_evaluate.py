@@ -12,7 +12,6 @@ import pytest
 from pipelines.cli import app
 from pipelines.commands.evaluate import _folder_name
 from pipelines.tracking.runs import find_run
-from tests.pipelines.conftest import one_line
 from tests.pipelines.stored import stored_run
 from tossid.store import read_dataset
 
@@ -42,20 +41,6 @@ def test_another_dataset_has_a_folder_of_its_own() -> None:
     assert _folder_name(record, Path("a/other.h5"), "all") == "cnrpi-01234567-other"
     record.id = ""
     assert _folder_name(record, Path("a/tosses.h5"), "test") == "cnrpi"
-
-
-@pytest.mark.parametrize(
-    ("keys", "words"),
-    [
-        (["run=nothing-of-the-kind"], "no such run"),
-        (["run=tosses/"], "is no run"),
-        (["run=tosses/", "data=nowhere.h5"], "is no run"),
-    ],
-)
-def test_wrong_calls(beside: Path, capfd: pytest.CaptureFixture[str], keys: list[str], words: str) -> None:
-    assert app.run(["evaluate", *keys, "--json", "--quiet"]) == 2
-    assert words in one_line(capfd.readouterr().err)
-    assert not (beside / "outputs").exists()
 
 
 def test_copies_between_splits_are_said_once_by_train_and_once_by_evaluate(

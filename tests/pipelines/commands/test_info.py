@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +12,12 @@ import pytest
 from pipelines.cli.console import Console
 from pipelines.commands.info import InfoRequest, run, show
 from tests.motion.bouncing import bounce, tracked
-from tossid.errors import FileError
 from tossid.motion import covariance_source, tosses_from_tracks
 from tossid.motion.sessions import find_sessions, levelled_tracks
 from tossid.motion.sessions.levelling import turned_track
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_exp
-from tossid.store import Dataset, read_dataset, write_dataset
+from tossid.store import Dataset, write_dataset
 from tossid.types import Detection, PoseTrack
 from tossid.vision.recordings.npz import write_detections, write_tracks
 
@@ -62,25 +60,6 @@ def test_a_folder_of_tosses(tmp_path: Path) -> None:
     assert run(tmp_path, QUIET) == {"kind": "folder", "datasets": ["a.h5"], "pt_files": 2, "txt_files": 1}
 
 
-def test_what_is_nothing_of_ours_is_refused(tmp_path: Path) -> None:
-    backwards = poses()[::-1]
-    np.savetxt(tmp_path / "backwards.txt", backwards)
-    np.savetxt(tmp_path / "narrow.txt", poses()[:, :7])
-    (tmp_path / "words.txt").write_text("not numbers")
-    (tmp_path / "a.pdf").touch()
-    (tmp_path / "empty").mkdir()
-    for name, says in (
-        ("backwards.txt", "line 2: time does not increase"),
-        ("narrow.txt", "has 7 columns, expected rows of 'timestamp tx"),
-        ("words.txt", "expected rows of 'timestamp tx"),
-        ("a.pdf", "expected a dataset"),
-        ("empty", "a folder without"),
-        ("gone", "no such file or folder"),
-    ):
-        with pytest.raises(FileError, match=says):
-            run(tmp_path / name, QUIET)
-
-
 def test_of_a_long_text_the_first_line_is_shown(capsys: Any) -> None:
     show({"kind": "x", "provenance": {"config": "a: 1\nb: 2", "version": "0.2.0"}}, Console(), title="t")
     err = capsys.readouterr().err
@@ -115,18 +94,3 @@ def test_the_figure_shows_the_order_of_recording(two_sessions: Path) -> None:
     assert min(image.shape[:2]) > 300
     assert np.ptp(image) > 200  # something is drawn on white
     assert "figure" not in run(two_sessions, QUIET)
-
-
-def test_a_figure_that_cannot_be_drawn_is_refused(two_sessions: Path, cube: ObjectModel) -> None:
-    folder = two_sessions.parent
-    np.savetxt(folder / "poses.txt", poses())
-    unseen = replace(read_dataset(two_sessions), order=None)
-    write_dataset(unseen, folder / "unseen.h5")
-    for file, out, says in (
-        ("poses.txt", "a.png", "--figure draws the order of recording of a dataset"),
-        ("tilted.h5", "a.pdf", "--figure expects a file that ends with .png"),
-        ("unseen.h5", "a.png", "its order of recording was not looked at"),
-    ):
-        with pytest.raises(FileError, match=says):
-            run(InfoRequest(folder / file, folder / out), QUIET)
-        assert not (folder / out).exists()

@@ -11,24 +11,25 @@ import pytest
 from pipelines.cli import app
 from pipelines.config.compose import load
 from pipelines.config.keys import group_members
-from pipelines.config.schemas import DetectStageConfig, SynthesizeConfig
+from pipelines.config.schemas import SynthesizeConfig
 from tests.pipelines.conftest import one_line
-from tossid.errors import ObjectError
 from tossid.objects import corner_positions, load_object
 from tossid.types import Frame
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.detection.detect import TagFinder
-from tossid.vision.setup.tag_sheet import tag_sheets
 
 BRICK = ["new-object", "name=brick", "box=[0.2,0.1,0.06]", "mass=0.8", "com=[0.01,0,0]", "first_id=10"]
 DPI = 200
 
 
 def test_the_object_is_the_box(project: Path, answer: Any) -> None:
-    made = answer(*BRICK, "out=mine")
-    config = load("detect", DetectStageConfig, made["key"].split()).object
-    assert config is not None
-    model = load_object(config)
+    named, made = answer(*BRICK), answer(*BRICK, "out=mine")
+    assert named["key"] == "object=brick"
+    assert (project / "conf/object/brick.yaml").read_text().splitlines()[2] == "path: conf/object/brick.xml"
+    assert "brick" in group_members("object")
+    models = [load_object(load("synthesize", SynthesizeConfig, each["key"].split()).object) for each in (named, made)]
+    model = models[1]
+    assert models[0].width == model.width == 0.2
     assert np.ptp(corner_positions(model, np.array([0, 0, 0, 1, 0, 0, 0.0])), axis=0) == pytest.approx([0.2, 0.1, 0.06])
     assert model.mass[0] == pytest.approx(0.8)
     assert model.com[0] == pytest.approx([0.01, 0, 0])
@@ -43,15 +44,6 @@ def test_the_object_is_the_box(project: Path, answer: Any) -> None:
     assert {tag_id: tag.size for tag_id, tag in tags.items()} == pytest.approx(
         {int(tag_id): size for tag_id, size in made["tag_sizes_m"].items()}
     )
-
-
-def test_without_a_folder_it_is_found_by_its_name(project: Path, answer: Any) -> None:
-    made = answer(*BRICK)
-    assert made["key"] == "object=brick"
-    assert (project / "conf/object/brick.yaml").read_text().splitlines()[2] == "path: conf/object/brick.xml"
-    assert "brick" in group_members("object")
-    config = load("synthesize", SynthesizeConfig, ["object=brick"])
-    assert load_object(config.object).width == 0.2
 
 
 def test_the_printed_tags_are_found_and_of_true_size(project: Path, answer: Any) -> None:
@@ -77,45 +69,12 @@ def test_the_printed_tags_are_found_and_of_true_size(project: Path, answer: Any)
         assert right_bottom[1] - right_top[1] == pytest.approx(sizes[tag_id], abs=0.15)
 
 
-def test_every_tag_is_on_the_paper_once(cube: Any) -> None:
-    from dataclasses import replace
-
-    from tossid.vision.setup.faces import default_tags
-
-    tagged = replace(cube, tags=default_tags(cube))
-    pages = tag_sheets(tagged, paper="letter")
-    captions = [text.get_text() for page in pages for text in page.axes[0].texts if "up is" in text.get_text()]
-    assert sorted(int(text.split()[1].strip(",")) for text in captions) == list(range(6))
-    with pytest.raises(ObjectError, match=r"tag 0 of 200 mm does not fit on a4 paper"):
-        tag_sheets(replace(tagged, tags=tuple(replace(tag, size=0.2) for tag in tagged.tags)))
-
-
-@pytest.mark.parametrize(
-    ("keys", "words"),
-    [
-        (["name=../evil"], "name: '../evil' will not do"),
-        (["tag_size=0.06"], "tag_size: 0.06 leaves no white margin on the smallest face; expected at most 0.048"),
-        (["com=[0.2,0,0]"], "com: [0.2, 0.0, 0.0] lies outside the box"),
-        (["box=[0.2,0.1]"], "box: has 2 values"),
-        (["first_id=582"], "first_id: 582 is out of range"),
-    ],
-)
-def test_wrong_calls(project: Path, capfd: pytest.CaptureFixture[str], keys: list[str], words: str) -> None:
-    named = {key.partition("=")[0] for key in keys}
-    base = [key for key in BRICK if key.partition("=")[0] not in named]
-    assert app.run([*base, *keys, "out=mine"]) == 2
-    assert words in one_line(capfd.readouterr().err)
-    assert not (project / "mine").exists()
-
-
-def test_an_object_that_is_there_is_kept(project: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_an_object_that_is_there_is_kept_and_what_a_killed_command_left_is_completed(
+    project: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     assert app.run([*BRICK, "out=mine", "--quiet"]) == 0
-    assert app.run([*BRICK, "out=mine"]) == 2
+    assert app.run([*BRICK, "out=mine", "--quiet"]) == 2
     assert "mine/object/brick.xml: is there already" in one_line(capfd.readouterr().err)
-
-
-def test_what_a_killed_command_left_is_completed(project: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    assert app.run([*BRICK, "out=mine", "--quiet"]) == 0
     (project / "mine/object/brick.yaml").unlink()
     (project / "mine/tags/brick.pdf").unlink()
     assert app.run([*BRICK, "out=mine", "--quiet"]) == 0

@@ -12,7 +12,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from pipelines.cli import app
@@ -21,8 +20,6 @@ from pipelines.tracking.mlflow_store import client
 from pipelines.tracking.runs import find_run, find_runs
 from tests.pipelines.conftest import one_line
 from tests.pipelines.stored import metric_history, stored_run
-from tossid.errors import DivergedError
-from tossid.store import read_dataset
 from tossid.studies import study as studies
 from tossid.studies.cells import CELL, compute_cell
 
@@ -138,24 +135,6 @@ def cell_end(cell: dict[str, Any]) -> float:
     return float(cell["from_flight"]["rotation_error_deg"]["ci95"][1])
 
 
-def test_the_inertia_study_is_held_to_the_datasets_object(beside: Path, answer: Any) -> None:
-    keys = ["sweep.values=[1,2]", "sweep.train=['epochs=1','model.horizons=[]','model.start_com=[0.003,0,0.004]']"]
-    models = "sweep.models=[cnrpi,'cnrpi model.inertia=triangular']"
-    report = answer("evaluate", "--sweep", "inertia", *keys, models, "data=tosses", "sweep.workers=1")
-    assert [Path(path).stem for path in report["figures"]] == ["inertia_study"]
-    assert [(c["model"], c["parameterisation"], c["inertia_scale"]) for c in report["cells"]] == [
-        ("cnrpi", "log_cholesky", 1.0), ("cnrpi", "log_cholesky", 2.0),
-        ("cnrpi model.inertia=triangular", "triangular", 1.0), ("cnrpi model.inertia=triangular", "triangular", 2.0),
-    ]  # fmt: skip
-    truth = read_dataset(beside / "tosses" / "tosses.h5").object
-    for cell in report["cells"]:
-        assert cell["com_offset_m"] == pytest.approx(0.005)
-        learned = np.array(cell["parameters"]["com_m"][0])
-        assert cell["com_error_m"] == pytest.approx(np.linalg.norm(learned - truth.com[0]))
-    folders = {path.name.rpartition("-")[0] for path in beside.glob("outputs/sweeps/*/cells/*")}
-    assert "cnrpi-model.inertia=triangular-2-s0" in folders
-
-
 def test_the_number_of_training_tosses(beside: Path, capfd: pytest.CaptureFixture[str]) -> None:
     keys = ["sweep.models=[cn]", "sweep.values=[2,5,64]", "sweep.seeds=[0]", "sweep.train=['epochs=2']"]
     args = ["evaluate", "--sweep", "data_efficiency", *keys, "sweep.workers=1", "data=tosses", "--json", "--quiet"]
@@ -166,54 +145,6 @@ def test_the_number_of_training_tosses(beside: Path, capfd: pytest.CaptureFixtur
     assert [cell["tosses"] for cell in report["cells"]] == [2, 5]
     assert report["cells"][0]["position_error_pct"] != report["cells"][1]["position_error_pct"]
     assert {Path(path).stem for path in report["figures"]} == {"data_efficiency", "data_efficiency_from_flight"}
-
-
-def test_a_cell_that_fails_is_said_and_tried_again(
-    beside: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, answer: Any
-) -> None:
-    def diverge(cell: Any, data: Any) -> Any:
-        if cell.model == "cnrp" and cell.value > 5:
-            raise DivergedError("the loss became nan")
-        return compute_cell(cell, data)
-
-    monkeypatch.setattr(studies, "compute_cell", diverge)
-    assert app.run(["evaluate", "--sweep", "gravity", *HERE, "--json", "--quiet"]) == 0
-    out, err = capfd.readouterr()
-    assert "cnrp, gravity 9.81, seed 0: the loss became nan" in one_line(err)
-    report = json.loads(out)
-    assert len(report["cells"]) == 3
-    assert report["failed"] == [{"model": "cnrp", "seed": 0, "gravity": 9.81, "error": "the loss became nan"}]
-    monkeypatch.setattr(studies, "compute_cell", compute_cell)
-    again = answer("evaluate", "--sweep", "gravity", *HERE)
-    assert len(again["cells"]) == 4
-    assert again["run"] == report["run"]
-
-
-@pytest.mark.parametrize(
-    ("args", "words"),
-    [
-        (["--sweep", "gravty"], "Did you mean 'gravity'?"),
-        (["--sweep", "gravity", "run=abc"], "run: a study trains its own models"),
-        (["--sweep", "gravity", "sweep=gravity"], "is given twice"),
-        (["--sweep", "gravity", "sweep.key=model.gravty"], "Did you mean 'model.gravity'?"),
-        (["--sweep", "gravity", "sweep.key=seed"], "sweep.key: seed is set by the study itself"),
-        (["--sweep", "gravity", "sweep.values=[]"], "sweep.values: is empty"),
-        (["--sweep", "gravity", "sweep.values=[1,-1]"], "model.gravity: -1 is out of range"),
-        (["--sweep", "gravity", "sweep.models=[cnx]"], "there is no 'cnx' in conf/model"),
-        (["--sweep", "gravity", "sweep.models=['cn seed=3']"], "sweep.models: seed is set by the study itself"),
-        (["--sweep", "gravity", "sweep.models=['cn optimiser=adam']"], "Did you mean 'optimizer'?"),
-        (["--sweep", "gravity", "sweep.train=['data=x.h5']"], "sweep.train: data is set by the study itself"),
-        (["--sweep", "gravity", "data=nowhere.h5"], "nowhere.h5: no such dataset"),
-        (["--sweep", "data_efficiency", "sweep.values=[64]"], "has 5 training tosses"),
-        (["--swep", "gravity"], "Did you mean '--sweep'?"),
-        (["--sweep"], "requires an argument"),
-    ],
-)
-def test_wrong_calls(beside: Path, capfd: pytest.CaptureFixture[str], args: list[str], words: str) -> None:
-    data = [] if any(text.startswith("data=") for text in args) else ["data=tosses"]
-    assert app.run(["evaluate", *data, *args]) == 2
-    assert words in one_line(capfd.readouterr().err)
-    assert not (beside / "outputs").exists()
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,15 +10,13 @@ import h5py
 import numpy as np
 import pytest
 
-from pipelines.cli import app
 from pipelines.config.compose import load
 from pipelines.config.schemas import SynthesizeConfig
-from tests.pipelines.conftest import one_line
 from tossid.errors import ConfigError
 from tossid.objects import corner_positions, load_object
 from tossid.physics.effects import Effect, NotExpressible, Strength, effects_for
 from tossid.settings.synthesis import LcpEngine, MujocoEngine, ReleaseSettings, SynthesizeSettings
-from tossid.store import file_sha256, read_dataset
+from tossid.store import read_dataset
 from tossid.synthesis.tosses import make_tosses
 from tossid.types import Phase
 
@@ -92,15 +89,6 @@ def test_phases_in_the_dataset_are_those_of_the_nominal_object(project: Path, an
     assert (seen == Phase.FLIGHT).all()
 
 
-def test_no_effects_are_the_plain_engine(project: Path, answer: Any) -> None:
-    answer(*BARE, "engine=lcp", "out=a")
-    answer(*BARE, "engine=lcp", "effects={gravity: {g_ms2: 9.81}, restitution: {e: 0}, magnus: {}}", "out=b")
-    for one, two in zip(
-        read_dataset(project / "a/truth.h5").tosses, read_dataset(project / "b/truth.h5").tosses, strict=True
-    ):
-        np.testing.assert_array_equal(one.q, two.q)
-
-
 QUICK = ("com_offset", "wind", "compliance", "torsional_friction", "joint_damping")
 """Effects that are tried in MuJoCo, too, in the quick tests."""
 
@@ -144,59 +132,3 @@ def test_every_effect_moves_the_object_or_is_refused(effect: Effect, engine: str
     else:
         moved, plain = tossed(effect, engine, values), tossed(effect, engine, {})
         assert np.abs(moved - plain).max() > 1e-3
-
-
-@pytest.mark.parametrize(
-    ("key", "says"),
-    [
-        ("effects={com_ofset: {z_m: 0.01}}", r"effects\.com_ofset: .*Did you mean 'com_offset'"),
-        ("effects={com_offset: {zm: 0.01}}", r"effects\.com_offset\.zm: .*Did you mean 'z_m'"),
-        ("effects={com_offset: {z_m: 1}}", r"effects\.com_offset\.z_m: .*-0\.04 to 0\.04"),
-        ("effects={com_offset: 3}", r"effects\.com_offset: "),
-        ("effects={com_offset: {z_m: low}}", r"effects\.com_offset\.z_m: "),
-        ("effects={joint_damping: {c_nms: 0.01}} object=cube", r"effects\.joint_damping: 'cube' has no joints"),
-        ("effects={joint_dampng: {c_nms: 0.01}} object=elbow", r"effects\.joint_dampng: .*'joint_damping'"),
-    ],
-)
-def test_what_is_no_effect_is_refused(project: Path, capfd: pytest.CaptureFixture[str], key: str, says: str) -> None:
-    first, _, rest = key.partition("}} ")
-    keys = [first + "}}", *rest.split()] if rest else [key]
-    assert app.run([*BARE, *keys, "out=o"]) == 2
-    assert re.search(says, one_line(capfd.readouterr().err))
-    assert not (project / "o").exists()
-
-
-@pytest.mark.parametrize("engine", ["lcp", "mujoco"])
-def test_synthesize_states(project: Path, answer: Any, engine: str) -> None:
-    keys = ["synthesize", "frames=false", f"engine={engine}", "tosses=6", "seed=3"]
-    made = answer(*keys, "out=one")
-    truth = read_dataset(project / "one" / "truth.h5")
-    assert made["n_tosses"] == len(truth.tosses) == 6
-    assert made["truth_sha256"] == file_sha256(project / "one" / "truth.h5")
-    for toss in truth.tosses:
-        flight = toss.phase == Phase.FLIGHT
-        dt = np.diff(toss.t)[0]
-        falls = np.flatnonzero(flight[1:-1] & flight[:-2] & flight[2:])[:5] + 1
-        accelerations = (toss.v[falls + 1, 2] - toss.v[falls - 1, 2]) / (2 * dt)
-        np.testing.assert_allclose(accelerations, -9.81, rtol=1e-3)
-        assert corner_positions(truth.object, toss.q)[..., 2].min() > -2e-3
-    splits = [toss.split for toss in read_dataset(project / "one" / "tosses.h5").tosses]
-    assert set(splits) == {"train", "validation", "test"}
-    again = answer(*keys, "out=two")
-    assert again["truth_sha256"] == made["truth_sha256"]
-    other = answer(*keys[:-1], "seed=4", "out=three")
-    assert other["truth_sha256"] != made["truth_sha256"]
-
-
-def test_frames_need_tags(project: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    assert app.run(["synthesize", "object.tags=null", "tosses=1"]) == 2
-    assert "object.tags: 'cube' has no tags" in one_line(capfd.readouterr().err)
-    assert list(project.iterdir()) == []
-
-
-def test_synthesize_never_replaces_a_strangers_folder(project: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    (project / "mine").mkdir()
-    (project / "mine" / "thesis.tex").write_text("years of work")
-    assert app.run(["synthesize", "frames=false", "tosses=3", "out=mine"]) == 2
-    assert "mine: holds files" in one_line(capfd.readouterr().err)
-    assert (project / "mine" / "thesis.tex").read_text() == "years of work"

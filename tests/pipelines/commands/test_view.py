@@ -68,26 +68,3 @@ def test_the_viewer_listens_on_loopback_alone(
     out = str(tmp_path / "film.rrd")
     answer("view", "recording=film", f"out={out}", "open=true", "every=50")
     assert started == [[sys.executable, "-m", "rerun", "--bind", "127.0.0.1", out]]
-
-
-@pytest.mark.parametrize(
-    ("keys", "message"),
-    [
-        (["recording=film", "out=film.rrb"], "out: 'film.rrb' does not end in .rrd"),
-        (["recording=film", "sheet=film.jpg"], "does not end in .png"),
-        (["data=x.h5", "sheet=film.png"], "contact sheet of a recording"),
-        (["data=x.h5", "recording=film"], "one of them is shown at a time"),
-        (["gap=x", "run=y"], "one of them is shown at a time"),
-        (["recording=film", "sheet=s.png", "start_s=100"], "has nothing from start_s=100 on"),
-        (["recording=film", "sheet=s.png", "poses=none.npz"], "none.npz: no such file; 'tossid track' makes it"),
-        (["recording=gone", "sheet=s.png"], "gone"),
-        (["recording=film", "sheet=s.png", "moments=0"], "moments"),
-    ],
-)
-def test_what_cannot_be_shown_is_one_line(
-    late_film: Path, monkeypatch: pytest.MonkeyPatch, capfd: Any, keys: list[str], message: str
-) -> None:
-    monkeypatch.chdir(late_film)
-    assert app.run(["view", *keys, "--quiet"]) == 2
-    assert message in one_line(capfd.readouterr().err)
-    assert not Path("s.png").exists()

@@ -41,8 +41,9 @@ def test_no_file_of_values_repeats_a_default(path: Path, command: str, chosen: d
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_what_nothing_sets_has_its_default(command: str) -> None:
+def test_every_key_is_documented_and_what_nothing_sets_has_its_default(command: str) -> None:
     schema = COMMANDS[command]
+    assert [key.name for key in keys_of(schema, {}) if not key.doc] == []
     try:
         config = load(command, schema)
     except ConfigError as error:  # a value that only the caller can know

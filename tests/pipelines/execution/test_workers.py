@@ -8,19 +8,18 @@ import signal
 import stat
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from pipelines.cli import app
 from pipelines.config.schemas import DaskLauncher, ProcessesLauncher, SlurmLauncher
 from pipelines.execution.workers import _with_code, open_workers
 from pipelines.tracking.runs import find_runs
 from tests.pipelines.cluster import cluster, wait_for
-from tests.pipelines.conftest import one_line
+from tests.pipelines.disturbed import hooked
+from tests.pipelines.test_durability import PORTS, outside
 from tests.test_parallel import die_of_three, halved
 from tossid.errors import ConfigError, FileError, InputError, SolverError, TossidError
 from tossid.parallel import as_done
@@ -52,40 +51,30 @@ def test_a_process_that_dies_ends_the_command_with_one_line() -> None:
         list(as_done(die_of_three, [1, 3, 5], there.submit))
 
 
-def test_other_code_gives_no_numbers() -> None:
+def test_a_worker_with_other_code_or_packages_gives_no_numbers() -> None:
+    versions = computing_versions()
     with pytest.raises(InputError, match="another version of tossid"):
-        _with_code("an older one's hash", computing_versions(), halved, 2)
+        _with_code("an older one's hash", versions, halved, 2)
+    with pytest.raises(InputError, match=rf"numpy {versions['numpy']} \(the command has 1\.0\); install the same"):
+        _with_code("of any code", {**versions, "numpy": "1.0"}, halved, 2)
 
 
-def test_other_packages_give_no_numbers() -> None:
-    here, there = computing_versions()["numpy"], {**computing_versions(), "numpy": "1.0"}
-    with pytest.raises(InputError, match=rf"a worker has numpy {here} \(the command has 1\.0\); install the same"):
-        _with_code("of any code", there, halved, 2)
-
-
-def test_no_scheduler_there(project: Path, capfd: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("address", "tls", "error", "says"),
+    [
+        ("tcp://127.0.0.1:9", None, ConfigError, r"launcher\.address: no Dask scheduler answers at tcp://127"),
+        ("tcp://10.0.0.1:8786", None, ConfigError, r"has no TLS.*launcher\.tls=FOLDER"),
+        ("tcp://cluster.lab:8786", None, ConfigError, r"has no TLS.*launcher\.tls=FOLDER"),
+        ("tls://127.0.0.1:9", "empty", FileError, r"cert\.pem: no such file"),
+    ],
+)
+def test_schedulers_that_are_refused(
+    tmp_path: Path, address: str, tls: str | None, error: type[TossidError], says: str
+) -> None:
     pytest.importorskip("distributed", reason="Dask is an extra: pip install -e '.[cluster]'")
-    nobody = open_workers(DaskLauncher("dask", "tcp://127.0.0.1:9", None, False, 0.5), None)
-    with pytest.raises(ConfigError, match=r"launcher\.address: no Dask scheduler answers at tcp://127"), nobody:
-        pass
-    assert app.run(["evaluate", "--sweep", "gravity", "launcher=dask"]) == 2
-    assert "launcher.address: is needed" in one_line(capfd.readouterr().err)
-
-
-@pytest.mark.parametrize("address", ["tcp://10.0.0.1:8786", "tcp://cluster.lab:8786"])
-def test_a_scheduler_without_tls_on_another_machine_is_refused(address: str) -> None:
-    with pytest.raises(ConfigError, match=r"has no TLS.*launcher\.tls=FOLDER"):
-        open_workers(DaskLauncher("dask", address, None, False, 0.5), None).__enter__()
-
-
-def test_a_folder_without_a_certificate_is_named(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match=r"cert\.pem: no such file"):
-        open_workers(DaskLauncher("dask", "tls://127.0.0.1:9", tmp_path, False, 0.5), None).__enter__()
-
-
-def test_slurm_without_an_interface_is_refused(capfd: pytest.CaptureFixture[str]) -> None:
-    assert app.run(["evaluate", "--sweep", "gravity", "launcher=slurm"]) == 2
-    assert "launcher.interface: is needed" in one_line(capfd.readouterr().err)
+    launcher = DaskLauncher("dask", address, tmp_path / tls if tls else None, False, 0.5)
+    with pytest.raises(error, match=says):
+        open_workers(launcher, None).__enter__()
 
 
 @pytest.fixture
@@ -160,6 +149,17 @@ def test_slurms_scheduler_takes_nobody_without_its_certificate(slurm: Path) -> N
 
 
 @pytest.mark.slow
+def test_slurms_scheduler_and_workers_listen_on_the_named_interface_alone(slurm: Path, beside: Path) -> None:
+    keys = "sweep.models=[cn] sweep.train=['epochs=1'] sweep.values=[9.81] data=tosses launcher=slurm launcher.jobs=1"
+    words = [*keys.split(), "launcher.interface=lo", "launcher.memory=2GiB", "--quiet"]
+    hook = hooked(beside / "hook", PORTS, BOUND=str(beside / "bound"))
+    command = [sys.executable, "-m", "pipelines.cli.app", "evaluate", "--sweep", "gravity", *words]
+    subprocess.run(command, env=os.environ | hook, check=True, timeout=600)
+    assert (beside / "bound").read_text(), "a scheduler has to listen somewhere"
+    assert outside(beside / "bound") == []
+
+
+@pytest.mark.slow
 @pytest.mark.usefixtures("slurm")
 def test_slurms_jobs_have_all_died() -> None:
     launcher = SlurmLauncher("slurm", 1, None, None, "1GiB", "00:10:00", "lo", True, 30.0)
@@ -196,13 +196,12 @@ def test_a_worker_that_is_killed_is_replaced_by_the_others(beside: Path, answer:
             "launcher.wait_s=120",
         ]
         running = subprocess.Popen(
-            [*there.head, sys.executable, "-m", "pipelines.cli.app", *study, *keys, "--json"],
+            [sys.executable, "-m", "pipelines.cli.app", *study, *keys, "--json"],
             cwd=beside, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
         assert wait_for(lambda: len(places()) >= 3 or running.poll() is not None, 300)
         done = len(places())
         there.workers[0].kill()
-        killed = time.monotonic()
         out, err = running.communicate(timeout=500)
         assert running.returncode == 0, err + (elsewhere / "cluster.log").read_text()[-3000:]
         assert there.workers[1].poll() is None
@@ -215,7 +214,6 @@ def test_a_worker_that_is_killed_is_replaced_by_the_others(beside: Path, answer:
     os.rename(beside / "outputs", beside / "apart")
     here = answer(*study, "sweep.workers=1")
     assert numbers(report) == numbers(here)
-    print(f"networks apart: {there.apart}; killed after {done} of 24; done {time.monotonic() - killed:.0f} s later")
 
 
 def imports_and_threads(module: str) -> tuple[bool, str]:

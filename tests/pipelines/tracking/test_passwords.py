@@ -11,7 +11,7 @@ import pytest
 
 from pipelines.tracking.addresses import redacted, without_password
 from tests.pipelines.cluster import wait_for
-from tests.pipelines.execution.test_ports import COMMANDS, SLOW
+from tests.pipelines.disturbed import COMMANDS
 from tests.pipelines.served import Server
 
 
@@ -92,8 +92,8 @@ def test_no_command_tells_the_password(beside: Path, tmp_path_factory: pytest.Te
 
     try:
         server.start()
-        for command in COMMANDS + SLOW:
-            tossid(*command)
+        for command in COMMANDS.values():
+            tossid(*command.replace("ROUND", "1").split())
         tossid("info", "ingested.h5", "--json")
         tossid("doctor", "--json")
         tossid("evaluate", "run=models:/cube/1", "--json")

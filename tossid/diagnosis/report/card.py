@@ -28,12 +28,10 @@ class Card:
     """The card.
 
     Attributes:
-        verdict: What is said of the whole gap.
-        headline: The verdict in a line, with the names of what is found.
+        headline: The verdict in a line.
         rows: Lines under labels, in the order in which they are read.
     """
 
-    verdict: str
     headline: str
     rows: dict[str, list[str]]
 
@@ -51,7 +49,7 @@ def card_of(diagnosis: Diagnosis) -> Card:
     Args:
         diagnosis: What was found.
     """
-    verdict = headline = VERDICTS[diagnosis.verdict]
+    headline = VERDICTS[diagnosis.verdict]
     if diagnosis.named:
         headline += f": {listed([_or_alike(finding) for finding in _of(diagnosis, diagnosis.named)])}"
     if diagnosis.candidates:
@@ -64,7 +62,7 @@ def card_of(diagnosis: Diagnosis) -> Card:
         "Left": _left(diagnosis),
         "Do next": _next(diagnosis),
     }
-    return Card(verdict, headline, {label: lines for label, lines in rows.items() if lines})
+    return Card(headline, {label: lines for label, lines in rows.items() if lines})
 
 
 def _change(diagnosis: Diagnosis) -> list[str]:
