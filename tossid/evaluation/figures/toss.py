@@ -73,11 +73,10 @@ def toss_comparison(
     turned = {name: np.rad2deg(geodesic_angle(run.q[:, 3:7], toss.q[:, 3:7])) for name, run in rollouts.items()}
     apart = {name: np.linalg.norm(center - measured, axis=1) for name, center in centers.items()}
     errors = [
-        f"{looks[n].label}: {number(100 * apart[n].mean() / model.width, 2)} % of the width, "
-        f"{number(turned[n].mean(), 2)}°"
+        f"{looks[n].label} {number(100 * apart[n].mean() / model.width, 2)} %, {number(turned[n].mean(), 2)}°"
         for n in rollouts
     ]
-    subtitle = f"Mean errors over the toss: {';  '.join(errors)}"
+    subtitle = f"Mean errors over the toss, in % of the width and degrees: {';  '.join(errors)}"
     figure = new_figure(title or f"Toss {toss.name}", subtitle, height=7.6)
     frames, heading = pose_frames(toss, model, POSES), _heading(measured)
     strip = panel_grid(figure, 1, POSES, left=0.15, right=0.15, top=1.3, bottom=4.62, between=0.06)[0]
@@ -109,12 +108,12 @@ def toss_comparison(
         lower.set_xlabel("time [s]")
 
     entries: list[tuple[Any, str]] = [(sample(lw=2.4), "measured")]
-    entries += [(sample(looks[n].color, lw=2), f"{looks[n].label}, predicted") for n in rollouts]
+    entries += [(sample(looks[n].color, lw=2), looks[n].label) for n in rollouts]
     present = set(np.unique(toss.phase))
     entries += [(Patch(color=c), p.name.lower()) for p, c in PHASE_COLORS.items() if int(p) in present]
     key_row(figure, entries, y=0.75)
     note = "Poses: seen from the side, in a window that follows the measured object; spaced equally in motion, "
-    footnote(figure, note + "ticks on the time axes.\nPredictions run open loop.")
+    footnote(figure, note + "ticks on the time axes.\nAll but what was measured is predicted, open loop.")
     return figure
 
 
