@@ -6,7 +6,7 @@ Each seed runs the demo's own functions: the seal is drawn, the cube is tossed i
 ingested, and cube.xml is diagnosed with its defaults. What the demo does after it has opened the seal is left out
 (training, evaluation, pictures), for the name does not depend on it.
 
-A seed succeeds as `pipelines.demo.Opened.right` has it: the sealed effect is named and no other, and the value that was
+A seed succeeds as `pipelines.seal.Opened.right` has it: the sealed effect is named and no other, and the value that was
 found is off by at most a tenth of the true change. Whether the 95 % interval holds the truth is counted beside it.
 
 One JSON line a seed is added to OUT; seeds that it has are not run again. Every call prints the whole file as a table.
@@ -26,7 +26,9 @@ import numpy as np
 
 import tossid
 from pipelines.cli.console import Console
-from pipelines.demo import WITHIN, Opened, Sealed, film, pose_errors, processor_seconds, stated_simulator
+from pipelines.demo import film, processor_seconds, stated_simulator
+from pipelines.demo_page import pose_errors
+from pipelines.seal import WITHIN, Opened, Sealed
 from tossid.store import read_dataset
 
 HEADS = ("seed", "effect", "in cube.xml", "truth", "found (95 %)", "right", "interval holds it", "closed")

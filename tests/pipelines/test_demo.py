@@ -11,17 +11,9 @@ import numpy as np
 import pytest
 
 import tossid
-from pipelines.demo import (
-    KINDS,
-    WORLD,
-    Opened,
-    Sealed,
-    in_mujoco,
-    judgement,
-    moving_part,
-    pose_errors,
-    stated_simulator,
-)
+from pipelines.demo import WORLD, stated_simulator
+from pipelines.demo_page import in_mujoco, moving_part, pose_errors
+from pipelines.seal import KINDS, Opened, Sealed, judgement
 from tests.models.made import tosses
 from tossid.diagnosis.simulators import world_of_mjcf
 from tossid.objects import ObjectModel
