@@ -54,7 +54,7 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
                 tracked.metrics(found.metrics())
                 tracked.tag("verdict", found.verdict)
                 tracked.tag("effects", ", ".join(found.named))
-                written = [name for name in (*_FILES, "patched.xml") if (temporary / name).exists()]
+                written = [name for name in _FILES if (temporary / name).exists()]
                 for name in written:
                     tracked.artifact(temporary / name)
             figures = sorted(path.name for path in (temporary / "figures").iterdir())
@@ -68,7 +68,7 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
         if remark not in task.remarks:
             console.say(remark)
     _say(found, folder, console)
-    where = {_FILES.get(name, "patched_mjcf"): str(folder / name) for name in written if name != "figures"}
+    where = {_FILES[name]: str(folder / name) for name in written if _FILES[name]}
     where |= {"out": str(folder), "run": tracked.id}
     plain: dict[str, Any] = jsonable(found.as_json())
     return {**plain, **where, "figures": [str(folder / "figures" / name) for name in figures]}
@@ -86,8 +86,8 @@ def _save_so_far(found: Diagnosis, folder: Path, console: Console) -> str:
     return f"what was known by then is in {folder / 'gap.html'}"
 
 
-_FILES = {"gap.json": "gap_json", "gap.html": "report", "figures": "figures"}
-"""What is always written, and the key under which the command says where."""
+_FILES = {"gap.json": "gap_json", "gap.html": "report", "patched.xml": "patched_mjcf", "figures": "", "assets": ""}
+"""What may be written, and the key under which the command says where; what has none is only logged."""
 
 
 def _nominal(sim: NominalSim, recorded: ObjectModel) -> Simulator:

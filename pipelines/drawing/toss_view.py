@@ -61,7 +61,7 @@ def toss_content(config: ViewConfig, console: Console) -> ViewContent:
 
         rollouts["predicted"] = [motion.q for motion in predicted_motions(trained.model, model, tosses)]
     if report is not None:
-        rollouts |= gap_rollouts(report, dataset, tosses, console)
+        rollouts |= gap_rollouts(report, dataset, tosses, console, beside=_folder_of(config.gap))
     moving = _bodies([(t.t, t.q, t.q_cov) for t in tosses], model)
     predicted = {
         name: _bodies([(toss.t, q, None) for toss, q in zip(tosses, motions, strict=True)], model)
@@ -103,6 +103,12 @@ def _bodies(pieces: Sequence[tuple[Array, Array, Array | None]], model: ObjectMo
     return moving_bodies({model.name: track}, None, model)
 
 
+def _folder_of(gap: Path | None) -> Path:
+    """The folder of a gap report, which may be named by its gap.json."""
+    assert gap is not None
+    return gap if gap.is_dir() else gap.parent
+
+
 def _read_gap(path: Path) -> dict[str, Any]:
     """A gap.json, or the one in a folder that `diagnose` wrote."""
     file = path / "gap.json" if path.is_dir() else path
@@ -116,19 +122,20 @@ def _read_gap(path: Path) -> dict[str, Any]:
 
 
 def gap_rollouts(
-    report: dict[str, Any], dataset: Dataset, tosses: Sequence[Toss], console: Console
+    report: dict[str, Any], dataset: Dataset, tosses: Sequence[Toss], console: Console, *, beside: Path
 ) -> dict[str, Sequence[Array]]:
     """Open-loop motions (n, 7) of each toss, from a first state that is estimated from its flight.
 
     "stated" is the stated object in rigid contact, where that was diagnosed. "patched" is the gap's patched model in
-    MuJoCo.
+    MuJoCo, with the meshes and textures that lie beside the report.
     """
+    import shutil
     import tempfile
 
     from tossid.diagnosis.likelihood.engine_discrepancy import MujocoWorld
     from tossid.diagnosis.likelihood.windows import steps_of
     from tossid.diagnosis.localisation.rollouts import first_states
-    from tossid.diagnosis.patch.make import read_spec
+    from tossid.diagnosis.patch.make import ASSETS, read_spec
     from tossid.diagnosis.simulators import world_of_mjcf
     from tossid.physics.effects import World
 
@@ -144,6 +151,8 @@ def gap_rollouts(
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "patched.xml"
             path.write_text(patch["mjcf"], encoding="utf-8")
+            if patch.get("assets"):
+                shutil.copytree(beside / ASSETS, Path(folder) / ASSETS)
             world, _ = world_of_mjcf(path, width=dataset.object.width)
             model = read_spec(path).compile()
         patched = MujocoWorld(model, replace(world, ground_height=0.0, ground_tilt=(0.0, 0.0)))

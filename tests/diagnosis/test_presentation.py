@@ -59,7 +59,7 @@ def test_a_saved_report_is_whole(cube: ObjectModel, tmp_path: Path) -> None:
     gap = json.loads((folder / "gap.json").read_text())
     assert gap["schema"] == "tossid.gap/1"
     assert gap["explanation"]["effects"] == ["friction"]
-    assert gap["simulator"] == {"sim": "nominal", "about": "the stated 'cube', rigid", "run": None}
+    assert gap["simulator"] == {"sim": "nominal", "about": "the stated 'cube', rigid", "run": None, "reads": ""}
     assert gap["data"] == {"object": "cube"}
     assert gap["remarks"] == ["Tosses left out: one."]
     assert (folder / "patched.xml").read_text() == "<mujoco/>"

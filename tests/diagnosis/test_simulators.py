@@ -51,6 +51,35 @@ def trained(model: ObjectModel) -> Any:
     )
 
 
+PAIR = '</worldbody><contact><pair geom1="floor" geom2="box" friction="0.4 0.4"/></contact>'
+
+
+@pytest.mark.parametrize(
+    ("edits", "words", "made"),
+    [
+        ({}, "the object states 0.25, the ground 0.2, and MuJoCo takes the larger", 0.25),
+        ({' friction="0.2 0.005 0.0001"': ""}, "the object states 0.25, the ground 1, and MuJoCo takes the larger", 1),
+        ({"0.25": "0.2"}, "both geoms have it", 0.2),
+        ({"plane": 'plane" priority="1'}, "the object states 0.25, the ground 0.2, and the geom with the higher", 0.2),
+        (
+            {"geom type=\"plane": 'geom name="floor" type="plane', "geom type=\"box": 'geom name="box" type="box',
+             "</worldbody>": PAIR},
+            "their pair states it; the object states 0.25, the ground 0.2", 0.4,
+        ),
+    ],
+)  # fmt: skip
+def test_what_mujoco_makes_of_two_frictions_is_said(
+    cube: ObjectModel, tmp_path: Path, edits: dict[str, str], words: str, made: float
+) -> None:
+    text = MJCF
+    for old, new in edits.items():
+        text = text.replace(old, new)
+    (tmp_path / "mine.xml").write_text(text)
+    read = read_simulator(tmp_path / "mine.xml", cube)
+    assert read.reads.startswith(f"friction of object and ground is {made:g} ({words}")
+    assert read.world.object.friction == made
+
+
 def test_each_kind_is_read(cube: ObjectModel, tmp_path: Path) -> None:
     (tmp_path / "mine.xml").write_text(MJCF)
     stated = read_simulator("nominal", cube)

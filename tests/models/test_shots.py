@@ -13,7 +13,7 @@ from tests.models.made import DT, flights, tosses
 from tossid.models.predictor import Simulator
 from tossid.models.shots import Shots, first_states, make_shots, make_stretches, prediction_errors, stretches
 from tossid.models.transitions import make_transitions
-from tossid.motion import flight_frames
+from tossid.motion import frames_in_flight
 from tossid.objects import ObjectModel, corner_positions
 from tossid.physics import make_system
 from tossid.rotations import quat_boxminus, quat_normalize
@@ -53,7 +53,7 @@ def shots_of(model: ObjectModel, made: list[Toss], predictor: Simulator, **keys:
 
 def test_the_simulator_that_made_them_predicts_without_error(cube: ObjectModel, made: list[Toss]) -> None:
     shots = shots_of(cube, made, Simulator(make_system(cube)))
-    np.testing.assert_array_equal(shots.n_steps, [min(flight_frames(toss, cube) + 10, 70) for toss in made])
+    np.testing.assert_array_equal(shots.n_steps, [min(frames_in_flight([toss], cube)[0] + 10, 70) for toss in made])
     assert np.abs(prediction_errors(Simulator(make_system(cube)), shots)).max() < 1e-9
     start: Any = SimpleNamespace(q=made[1].q[0], v=made[1].v[0])
     both = shots_of(cube, made, Simulator(make_system(cube)), flight=[None, start, None, None])

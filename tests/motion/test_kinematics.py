@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from tests.physics.trees import random_state, random_tree
-from tossid.motion import body_velocities, com_velocities, corner_velocities, jump_speed
-from tossid.motion.kinematics import center_of_mass
+from tossid.motion.kinematics import body_velocities, center_of_mass, com_velocities, corner_velocities, jump_speed
 from tossid.objects import ObjectModel, corner_positions
 from tossid.rotations import quat_exp, quat_mul, quat_normalize
 

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from tests.motion.bouncing import Truth, away_from_jumps, bounce, tracked
-from tossid.motion import Smoothed, may_touch, smooth_in_turn
+from tossid.motion import may_touch
 from tossid.motion.smoothing import smoother
 from tossid.motion.smoothing.rts import LinearSystem, smooth
-from tossid.motion.smoothing.system import differences, linearise, pad, retract, unpad
+from tossid.motion.smoothing.smoother import Smoothed, smooth_in_turn
+from tossid.motion.smoothing.system import difference, differences, linearise, pad, retract, unpad
 from tossid.objects import ObjectModel
-from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_rotate
+from tossid.rotations import quat_boxminus, quat_rotate
 from tossid.types import PoseTrack
 
 Case = tuple[list[Truth], list[PoseTrack], list[Smoothed]]
@@ -74,30 +75,26 @@ def test_transitions_are_derivatives(odd: ObjectModel) -> None:
 
 
 def test_covariances_follow_the_origin(odd: ObjectModel) -> None:
-    """Brought from the centre of mass to the base frame as samples are."""
+    """Poses, velocities and covariances are brought from the centre of mass to the base frame as derivatives say."""
     rng, c = np.random.default_rng(1), odd.com[0]
     track = tracked(bounce(odd, rng, tosses=1, frames=5)[0], rng)
     assert track.q_cov is not None
     batch = pad([track], odd, [track.q_cov])
     q, v = batch.q, differences(batch.q, batch.h)
     root = rng.normal(size=(12, 12)) * np.repeat([1e-4, 1e-2, 1e-3, 1e-2], 3)[:, None]
-    base_q, base_v, q_cov, v_cov = unpad(batch, 0, q, v, np.tile(root @ root.T, (5, 1, 1, 1)))
-
-    def base_of(at_q: np.ndarray, at_v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        p = at_q[..., :3] - quat_rotate(at_q[..., 3:7], c)
-        u = at_v[..., :3] - quat_rotate(at_q[..., 3:7], np.cross(at_v[..., 3:6], c))
-        return np.concatenate([p, at_q[..., 3:]], -1), np.concatenate([u, at_v[..., 3:]], -1)
-
-    for mine, expected in zip((base_q, base_v), base_of(q[:, 0], v[:, 0]), strict=True):
-        np.testing.assert_allclose(mine, expected, atol=1e-12)
-    delta = rng.normal(size=(40_000, 12)) @ root.T
-    turned = quat_mul(q[2, 0, 3:7], quat_exp(delta[:, 3:6]))
-    samples_q, samples_v = base_of(np.concatenate([q[2, 0, :3] + delta[:, :3], turned], axis=1), v[2, 0] + delta[:, 6:])
-    e_q = np.concatenate([samples_q[:, :3] - base_q[2, :3], quat_boxminus(samples_q[:, 3:], base_q[2, 3:7])], axis=1)
-    for cov, samples in ((q_cov[2], e_q), (v_cov[2], samples_v - base_v[2])):
-        found = np.cov(samples.T)
-        size = np.sqrt(np.outer(np.diag(found), np.diag(found)))
-        np.testing.assert_allclose(cov / size, found / size, atol=0.03)
+    cov = np.tile(root @ root.T, (5, 1, 1, 1))
+    base_q, base_v, q_cov, v_cov = unpad(batch, 0, q, v, cov)
+    np.testing.assert_allclose(base_q[:, :3] + quat_rotate(base_q[:, 3:7], c), q[:, 0, :3], atol=1e-12)
+    spun = quat_rotate(base_q[:, 3:7], np.cross(base_v[:, 3:], c))
+    np.testing.assert_allclose(base_v[:, :3] + spun, v[:, 0, :3], atol=1e-12)
+    J = np.zeros((5, 12, 12))
+    for column in range(12):
+        step = 1e-6 * np.eye(12)[column]
+        up, down = (unpad(batch, 0, *retract(q, v, np.tile(sign * step, (5, 1, 1))), cov) for sign in (1, -1))
+        J[:, :, column] = np.concatenate([difference(up[0], down[0]), up[1] - down[1]], axis=1) / 2e-6
+    expected = J @ cov[:, 0] @ J.mT
+    for found, own in ((q_cov, slice(6)), (v_cov, slice(6, 12))):
+        np.testing.assert_allclose(found, expected[:, own, own], rtol=1e-5, atol=1e-12)
 
 
 def smoothed(model: ObjectModel, truths: list[Truth], *, seed: int = 1, **noise: float) -> Case:

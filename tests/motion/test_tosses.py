@@ -14,12 +14,10 @@ from tossid.motion import (
     covariance_source,
     label_phases,
     median_rate,
-    pose_noise,
     tosses_from_tracks,
     tosses_in_turn,
-    velocity_noise,
 )
-from tossid.motion.noise import scatter
+from tossid.motion.noise import pose_noise, scatter, velocity_noise
 from tossid.motion.smoothing import smoother
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_exp, quat_mul

@@ -12,7 +12,7 @@ from tests.motion.turned import IN_A_ROW, TILT, TILTED, as_published, thrown_alo
 from tossid.motion.sessions import as_recorded, find_sessions, levelled_tracks
 from tossid.motion.sessions.copies import copy_words, find_copies, leak_words
 from tossid.motion.sessions.levelling import turned_track
-from tossid.motion.sessions.turns import Turns, find_turns, in_throw, throw_direction, turn_words
+from tossid.motion.sessions.turns import Turns, find_lean, find_turns, throw_direction, turn_words
 from tossid.motion.tosses import tosses_from_tracks
 from tossid.objects import ObjectModel, load_object
 from tossid.rotations import quat_exp, quat_mul
@@ -85,7 +85,6 @@ def test_a_tilted_or_a_bent_world_that_was_not_turned_is_not_taken_for_one(
     seen = find_turns(bent, cube)
     assert seen.lean is not None
     assert not seen.were_turned
-    assert seen.lean.slope == pytest.approx([0.0, slope], abs=0.025)
     # throws of one direction, or few recordings, decide nothing
     one_way = find_turns([turned_track(track, TILTED, 0.0) for track in thrown], cube)
     assert (one_way.recording_of.max(), one_way.lean, turn_words(one_way)) == (0, None, None)
@@ -103,10 +102,9 @@ def test_parts_of_a_quantity_come_back() -> None:
     bent = 0.2 * p - 0.4 * np.stack([-p[:, 1], p[:, 0]], axis=1)
     noise = rng.normal(0, 0.01, (200, 2))
     noise[::20] *= 50
-    found = in_throw(np.array([0.5, -0.1]) + throw + bent + noise, p, yaw, recording, sigma=np.full(200, 0.01))
+    found = find_lean(np.array([0.5, -0.1]) + throw + bent + noise, p, yaw, recording)
     assert found is not None
-    assert (found.n, found.n_recordings) == (200, 50)
-    np.testing.assert_allclose([*found.world, *found.throw, *found.slope], [0.5, -0.1, 0.3, 0.7, 0.2, -0.4], atol=0.01)
+    np.testing.assert_allclose([*found.world, *found.throw], [0.5, -0.1, 0.3, 0.7], atol=0.01)
     assert np.sqrt(np.diag(found.throw_cov)) == pytest.approx([0.001, 0.001], rel=0.5)
     assert found.p < 1e-6
 

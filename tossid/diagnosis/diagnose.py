@@ -252,9 +252,8 @@ def prepare(
         frames = "frame is" if held == 1 else f"{held} frames are"
         remarks += (f"The first {frames} left out of each toss: there the object was not in free flight yet.",)
     check_same_object(judged.world, recorded, where=name or "the dataset", settings=settings.checks)
-    if judged.mjcf is not None:
-        friction = f"{judged.world.object.friction:g}, as MuJoCo combines their geoms'"
-        _log.info(f"{judged.mjcf}: friction of object and ground is {friction}")
+    if judged.reads:
+        _log.info(f"{judged.mjcf}: {judged.reads}")
     apart = None if dataset.order is None else recordings_apart(dataset.order)
     if apart is not None:
         remarks += (f"{apart} No change of a simulator closes that part of the gap; 'tossid ingest' levels sessions.",)

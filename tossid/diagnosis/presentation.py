@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from tossid.diagnosis.patch.make import ASSETS
 from tossid.diagnosis.report import card_of, report_html, report_notebook, report_pngs
 from tossid.diagnosis.result import Diagnosis
 from tossid.outputs import write_whole
@@ -30,7 +31,7 @@ def notebook_html(diagnosis: Diagnosis) -> str:
 
 
 def save(diagnosis: Diagnosis, folder: Path) -> Path:
-    """Write gap.html, gap.json, figures/ and, where the patch has one, patched.xml.
+    """Write gap.html, gap.json, figures/ and, where the patch has one, patched.xml with the files that it names.
 
     Args:
         diagnosis: What `diagnose` returned.
@@ -47,9 +48,10 @@ def save(diagnosis: Diagnosis, folder: Path) -> Path:
     gap = json.dumps(jsonable(diagnosis.as_json()), indent=2, allow_nan=False) + "\n"
     files = {"gap.html": page.encode(), "gap.json": gap.encode()}
     files |= {f"figures/{name}.png": png for name, png in figures.items()}
-    mjcf = (diagnosis.patch or {}).get("mjcf")
-    if mjcf:
-        files["patched.xml"] = mjcf.encode()
+    patch = diagnosis.patch or {}
+    if patch.get("mjcf"):
+        files["patched.xml"] = patch["mjcf"].encode()
+        files |= {f"{ASSETS}/{name}": Path(source).read_bytes() for name, source in patch.get("assets", {}).items()}
     for name, content in files.items():
         write_whole(folder / name, content)
     return folder

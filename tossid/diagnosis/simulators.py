@@ -22,7 +22,7 @@ from tossid.diagnosis.likelihood.users_world import UsersWorld
 from tossid.diagnosis.likelihood.windows import steps_of
 from tossid.errors import InputError, brief
 from tossid.objects import ObjectModel, load_object, need_stated
-from tossid.objects.files.friction import colliding_geoms, contact_friction
+from tossid.objects.files.friction import colliding_geoms, combined_words, contact_friction
 from tossid.objects.files.model_file import read_model_file
 from tossid.physics.effects import RecordingErrors, World
 from tossid.physics.forces import Forces
@@ -45,6 +45,7 @@ class Simulator:
         contact: Laws of contact that tosses may follow, its own first; those of rigid contact if there are none here.
         mjcf: The user's own MJCF file, which the patch changes.
         run: The tracker's id of the training that the model comes from.
+        reads: What the engine makes of what the user's file states, in words.
     """
 
     kind: str
@@ -53,6 +54,7 @@ class Simulator:
     contact: tuple[ContactLaw, ...] = ()
     mjcf: Path | None = None
     run: str | None = None
+    reads: str = ""
 
     @property
     def law(self) -> ContactLaw:
@@ -72,7 +74,7 @@ class Simulator:
 
     def as_json(self) -> dict[str, Any]:
         """gap.json's "simulator"."""
-        return {"sim": self.kind, "about": self.about, "run": self.run}
+        return {"sim": self.kind, "about": self.about, "run": self.run, "reads": self.reads}
 
 
 def _rigid_laws(world: World) -> tuple[ContactLaw, ...]:
@@ -144,8 +146,11 @@ def _trained(given: Any, recorded: ObjectModel) -> Simulator:
 def _mjcf(given: Any, recorded: ObjectModel) -> Simulator:
     path = Path(given)
     world, engine = world_of_mjcf(path, width=recorded.width if recorded.is_stated else None)
+    assert engine.model is not None
+    grounds, own_geoms = colliding_geoms(engine.model)
+    reads = combined_words(engine.model, grounds[0], own_geoms[0])
     own = replace(RELAXED, name="own", engine=engine)
-    return Simulator("mjcf", f"the MuJoCo model {path}", world, (own, COULOMB, ROUTH, RELAXED), mjcf=path)
+    return Simulator("mjcf", f"the MuJoCo model {path}", world, (own, COULOMB, ROUTH, RELAXED), path, reads=reads)
 
 
 @reader("python", lambda given: callable(given) and not hasattr(_model_in(given), "learned_object"))

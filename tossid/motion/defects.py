@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.motion.contact import lowest_corner
-from tossid.motion.flight import fit_polynomial
+from tossid.motion.flight import first_parabola
 from tossid.motion.kinematics import center_of_mass
 from tossid.objects import GRAVITY, JointType, ObjectModel
 from tossid.rotations import quat_boxminus
@@ -96,10 +96,9 @@ def _flight_error(toss: Toss, model: ObjectModel, air: NDArray[np.bool_], gravit
 
     0 where the flight is too short, or the difference is within the fit's own error.
     """
-    n = len(air) if air.all() else int(np.argmin(air))
-    if n < FEWEST_FRAMES:
+    fit = first_parabola(toss.t, center_of_mass(model, toss.q), air, FEWEST_FRAMES)
+    if fit is None:
         return 0.0
-    fit = fit_polynomial(toss.t[:n] - toss.t[:n].mean(), center_of_mass(model, toss.q[:n]))
     error = float(fit.noise * np.sqrt(3 * fit.unit_cov[2, 2]))
     difference = float(np.linalg.norm(fit.coefficients[2] + [0.0, 0.0, gravity]))
     return difference if difference > STANDARD_ERRORS * error else 0.0

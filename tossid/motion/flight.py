@@ -19,7 +19,6 @@ from tossid.errors import ObjectError
 from tossid.motion.contact import may_touch
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.rotations import (
-    cross,
     quat_boxminus,
     quat_exp,
     quat_mul,
@@ -39,12 +38,18 @@ SUBSTEP = 0.1
 """Turn of one step of the integration of free rotation, which is of fourth order [rad]."""
 ITERATIONS = 8
 """Most Gauss-Newton steps."""
+SHORT_STEP = 1e-7
+"""Step [m, rad, m/s, rad/s] that is the last one: the next would be some thousand times as short."""
+START_TIME = 0.03
+"""Time within which the first spin is guessed, as a turn over several frames [s]: at 100 rad/s it is half a turn."""
 OUTLIER = 4.0
 """Residual over the noise from which one of a local fit's frames may be an outlier; it is then fitted without one."""
 INLIERS = 2.0
 """It is one if the rms residual of the others, fitted without it, is below this many times the noise."""
 _DIFFERENCE = 1e-5
-"""Step of central differences with respect to the first spin [rad/s]: between rounding and curvature."""
+"""Step of differences with respect to the first spin [rad/s]: between rounding and curvature."""
+_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
+"""Of three axes, those that follow."""
 
 
 class PolynomialFit(NamedTuple):
@@ -82,6 +87,19 @@ def fit_polynomial(t: Array, x: Array, degree: int = 2) -> PolynomialFit:
     coefficients = inverse @ (basis.mT @ x)
     scale = unit ** -np.arange(degree + 1.0)
     return PolynomialFit(scale[:, None] * coefficients, x - basis @ coefficients, scale[:, None] * inverse * scale)
+
+
+def first_parabola(t: Array, x: Array, clear: NDArray[np.bool_], fewest: int) -> PolynomialFit | None:
+    """The parabola of a toss's first flight, about the middle of its times; None where it has too few frames.
+
+    Args:
+        t: Times [s], (n,).
+        x: Positions [m], (n, 3).
+        clear: Frames that are clear of the ground, (n,); the flight ends before the first that is not.
+        fewest: Frames that it takes.
+    """
+    n = len(clear) if clear.all() else int(np.argmin(clear))
+    return fit_polynomial(t[:n] - t[:n].mean(), x[:n]) if n >= fewest else None
 
 
 def without_line(t: Array) -> Array:
@@ -190,14 +208,17 @@ def flight_states(tosses: Sequence[Toss], model: ObjectModel, *, gravity: float 
     n = count[flying]
     flights = _side_by_side([tosses[i] for i in flying], n)
     q, v = _start(flights, model.com[0], gravity)
-    for iteration in range(ITERATIONS + 1):
+    for _ in range(ITERATIONS):
         r, J = _residuals(flights, q, v, model, gravity)
-        Q, R = np.linalg.qr(J)
-        step = -np.linalg.solve(R, Q.mT @ r[..., None])[..., 0]
-        if iteration == ITERATIONS or np.abs(step).max() < 1e-10:
+        # the triangle of [J r] is R of J beside Qᵀ r
+        triangle = np.asarray(np.linalg.qr(np.concatenate([J, r[..., None]], axis=-1), mode="r"))
+        R, rotated = triangle[:, :12, :12], triangle[:, :12, 12:]
+        step = -np.linalg.solve(R, rotated)
+        turned = quat_normalize(quat_mul(q[:, 3:7], quat_exp(step[:, 3:6, 0])))
+        q, v = np.concatenate([q[:, :3] + step[:, :3, 0], turned], axis=1), v + step[:, 6:, 0]
+        if np.abs(step).max() < SHORT_STEP:
             break
-        turned = quat_normalize(quat_mul(q[:, 3:7], quat_exp(step[:, 3:6])))
-        q, v = np.concatenate([q[:, :3] + step[:, :3], turned], axis=1), v + step[:, 6:]
+    r = r + (J @ step)[..., 0]  # over so short a step, residuals are linear
     inverse = np.linalg.inv(R)
     free = np.maximum(1, 6 * n + 6 * (n < FEWEST_FRAMES) - 12)
     chi2 = (r**2).sum(-1) / free
@@ -207,18 +228,8 @@ def flight_states(tosses: Sequence[Toss], model: ObjectModel, *, gravity: float 
     return states
 
 
-def flight_frames(toss: Toss, model: ObjectModel) -> int:
-    """Number of frames from the first on in which the object cannot yet have touched the ground.
-
-    Args:
-        toss: As recorded.
-        model: The object.
-    """
-    return int(frames_in_flight([toss], model)[0])
-
-
 def frames_in_flight(tosses: Sequence[Toss], model: ObjectModel) -> NDArray[np.int64]:
-    """(B,) `flight_frames` of each of B tosses.
+    """(B,) numbers of frames from the first on in which the object cannot yet have touched the ground.
 
     Args:
         tosses: As recorded.
@@ -266,7 +277,8 @@ def _start(flights: _Flights, c: Array, gravity: float) -> tuple[Array, Array]:
     several = flights.t[:, -1] > 0
     if several.any():
         t, q = flights.t[several], flights.q[several]
-        spin = quat_boxminus(q[:, 1, 3:7], q[:, 0, 3:7]) / t[:, 1:2]
+        later = max(1, int((t < START_TIME).sum(axis=1).min()) - 1)
+        spin = quat_boxminus(q[:, later, 3:7], q[:, 0, 3:7]) / t[:, later, None]
         com = q[..., :3] + quat_rotate(q[..., 3:7], c)
         speed = (com[:, -1] - com[:, 0]) / t[:, -1:]
         speed[:, 2] += 0.5 * gravity * t[:, -1]
@@ -295,6 +307,7 @@ def _residuals(flights: _Flights, q: Array, v: Array, model: ObjectModel, gravit
     J = np.zeros((B, N, 6, 12))
     J[..., :3, :3], J[..., :3, 6:9] = np.eye(3), t[..., None] * np.eye(3)
     J[..., :3, [3, 4, 5, 9, 10, 11]] = R @ skew(c) @ turned
+    # beside R c, which turns with the body, p holds R_0 c and u, which turn with the first attitude
     J[..., :3, 3:6] -= R0 @ (skew(c) + t[..., None] * skew(np.cross(v[:, None, 3:], c)))
     J[..., :3, 9:] -= t[..., None] * (R0 @ skew(c))
     J[..., 3:, [3, 4, 5, 9, 10, 11]] = right_jacobian_inv(-off) @ turned
@@ -317,30 +330,37 @@ def free_turn(spin: Array, t: Array, inertia: Array) -> tuple[Array, Array]:
         Quaternions of the turn since the first frame (B, N, 4), and derivatives of its rotation vector, in the turned
         body's axes, by the first spin (B, N, 3, 3) [s].
     """
-    inverse = np.linalg.inv(inertia)
+    moments, axes = np.linalg.eigh(inertia)
+    axes[:, 0] *= np.linalg.det(axes)
+    by_moments = ((np.roll(moments, -1) - np.roll(moments, 1)) / moments)[:, None, None]
 
     def rate(w: Array) -> Array:
-        """dω/dt = I⁻¹ (I ω × ω)."""
-        return np.asarray(cross(w @ inertia, w) @ inverse)
+        """Euler's equations in principal axes, dω_1/dt = (I_2 - I_3) ω_2 ω_3 / I_1 and so on; w: (3, B, 4)."""
+        return np.asarray(by_moments * w[_NEXT] * w[_LAST])
 
-    w = spin[:, None] + _DIFFERENCE * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
-    turn = np.tile([1.0, 0.0, 0.0, 0.0], (*w.shape[:2], 1))
-    turns = np.empty((*w.shape[:2], t.shape[1], 4))
-    turns[:, :, 0] = turn
+    B, N = t.shape
+    beside = _DIFFERENCE * np.concatenate([np.zeros((1, 3)), np.eye(3)])
+    w = np.moveaxis((spin[:, None] + beside) @ axes, -1, 0)
     # kinetic energy is constant, so that the spin grows at most by the root of the ratio of the largest moments
-    fastest = np.linalg.norm(spin, axis=1) * np.sqrt(np.linalg.cond(inertia))
-    for k in range(1, t.shape[1]):
-        h = t[:, k] - t[:, k - 1]
-        count = max(1, math.ceil((fastest * h).max() / SUBSTEP))
-        d = (h / count)[:, None, None]
-        for _ in range(count):  # Runge-Kutta for ω and Magnus for the attitude, both of fourth order
-            a = rate(w)
-            b = rate(w + 0.5 * d * a)
-            c = rate(w + 0.5 * d * b)
-            after = w + d / 6 * (a + 2 * b + 2 * c + rate(w + d * c))
-            angle = d / 2 * (w + after) + d**2 / 12 * (a - rate(after) + cross(w, after))
-            turn, w = quat_mul(turn, quat_exp(angle)), after
-        turns[:, :, k] = turn
-    # between the turns by ω + δ and ω - δ: in the axes of the latter, which are those of ω but for O(δ)
-    by_spin = quat_boxminus(turns[:, 1:4], turns[:, 4:]) / (2 * _DIFFERENCE)
+    fastest = np.linalg.norm(spin, axis=1) * np.sqrt(moments.max() / moments.min())
+    h = np.diff(t, axis=1)
+    counts = np.maximum(1, np.ceil((fastest[:, None] * h).max(axis=0) / SUBSTEP).astype(int))
+    steps, ends = np.repeat(h / counts, counts, axis=1), np.cumsum(counts)
+    angles, a = np.empty((3, B, 4, steps.shape[1])), rate(w)
+    for k in range(steps.shape[1]):  # Runge-Kutta for ω and Magnus for the attitude, both of fourth order
+        d = steps[:, k, None]
+        b = rate(w + 0.5 * d * a)
+        c = rate(w + 0.5 * d * b)
+        after = w + d / 6 * (a + 2 * (b + c) + rate(w + d * c))
+        rate_after, commutator = rate(after), w[_NEXT] * after[_LAST] - w[_LAST] * after[_NEXT]
+        angles[..., k] = d / 2 * (w + after) + d**2 / 12 * (a - rate_after + commutator)
+        w, a = after, rate_after
+    turned = quat_exp(np.moveaxis(angles, 0, -1) @ axes.T)
+    reach = 1
+    while reach < turned.shape[2]:  # products of the first 2, 4, 8, ... turns
+        turned[:, :, reach:] = quat_mul(turned[:, :, :-reach], turned[:, :, reach:])
+        reach *= 2
+    turns = np.tile([1.0, 0.0, 0.0, 0.0], (B, 4, N, 1))
+    turns[:, :, 1:] = turned[:, :, ends - 1]
+    by_spin = quat_boxminus(turns[:, 1:], turns[:, :1]) / _DIFFERENCE
     return turns[:, 0], np.moveaxis(by_spin, 1, -1)

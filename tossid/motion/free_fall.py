@@ -199,6 +199,7 @@ def free_fall(tosses: Sequence[Toss], tree: ObjectModel, clearance: Callable[[To
     (found, H), weights = reweighted(fit, len(stretches), limit=OUTLIER, iterations=REWEIGHTINGS)
     score = np.array([w * J.T @ (y - J @ found) for w, (J, y) in zip(weights, stretches, strict=True)])
     inverse = np.linalg.inv(H)
+    # the sandwich: stretches are independent of each other, and their frames are not
     covariance = inverse @ (score.T @ score) @ inverse
     com, com_var = free @ found[:-1], np.diag(free @ covariance[:-1, :-1] @ free.T)
     return FreeFall(
@@ -237,6 +238,7 @@ def find_parabola(
     com, scale = np.zeros(3 * tree.n_bodies), SCALES[0] * carried
     while scale > SCALES[1] * carried:
         scale *= SHRINK
+        # Geman and McClure's weights: windows that do not fall count less and less as the scale shrinks
         com = _solve(y, J, 1 / (1 + (_misfit(y, J, com) / scale) ** 2) ** 2)
     for _ in range(REFITS):
         rms = _misfit(y, J, com)

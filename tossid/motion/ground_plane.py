@@ -234,6 +234,7 @@ def _jackknife(rests: list[Array], plane: Array) -> Array:
     A, z, number = _design(rests)
     H, b, n = A.T @ A, A.T @ z, len(rests)
     own = [number == i for i in range(n)]
+    # normal equations without one rest are those of all, less its own
     without = np.array([np.linalg.solve(H - A[i].T @ A[i], b - A[i].T @ z[i]) for i in own])
     off = without - plane
     return np.asarray((n - 1) / n * off.T @ off)

@@ -85,7 +85,9 @@ def find_hinge(first: Sequence[PoseTrack], second: Sequence[PoseTrack]) -> Found
         tilt = np.linalg.norm(U[:, 0] - Q @ Vt[0], axis=1)
         return (U, size, Vt, tilt), in_medians(tilt)
 
+    # Σ |e₁ - Q e₂|² = 2 Σ (1 - e₁ᵀ Q e₂): least for the first singular vectors of the mean of Q
     (U, size, Vt, tilt), _ = reweighted(common_axis, len(Q), limit=OUTLIER, iterations=ITERATIONS)
+    # the other singular values are the mean cosine of the angle, and a circular deviation is sqrt(-2 log) of it
     spread = float(np.sqrt(-2 * np.log(np.clip(size[1], 1e-12, 1.0))))
     if spread < LEAST_SPREAD:
         raise InputError(

@@ -23,6 +23,15 @@ def center_of_mass(model: ObjectModel, q: Array) -> Array:
     return np.asarray(np.einsum("b,...bi->...i", model.mass, com) / model.mass.sum())
 
 
+def gyration(model: ObjectModel) -> float:
+    """Radius of gyration of the base about its centre of mass, which compares spins with speeds [m].
+
+    Args:
+        model: The object.
+    """
+    return float(np.sqrt(np.trace(model.inertia[0]) / 3 / model.mass[0]))
+
+
 def body_velocities(model: ObjectModel, q: Array, v: Array) -> tuple[Array, Array]:
     """Velocities of every body's frame.
 

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from tossid.motion.flight import fit_polynomial, frames_in_flight
-from tossid.objects import ObjectModel, corner_positions
+from tossid.motion.resting import touching
+from tossid.objects import ObjectModel
 from tossid.types import Toss, frame_time
 
 Array = NDArray[np.float64]
@@ -35,8 +36,6 @@ SIZE_WARNING = 0.01
 """Larger relative differences from the stated size are said."""
 REST_SPEED, REST_SPIN = 0.05, 0.3
 """Speed [m/s] and spin [rad/s] below which a toss's last frame is at rest."""
-FLAT_REL = 0.05
-"""Height over the lowest corner within which a corner is one of the lowest, in widths."""
 
 
 @dataclass(frozen=True)
@@ -145,8 +144,7 @@ def _scale_at_rest(toss: Toss, model: ObjectModel) -> float | None:
     speed, spin = np.linalg.norm(toss.v[-1, :3]), np.linalg.norm(toss.v[-1, 3:])
     if model.n_joints or model.roundness is not None or speed > REST_SPEED or spin > REST_SPIN:
         return None
-    above = np.sort(corner_positions(model, toss.q[-1:])[0, :, 2] - toss.q[-1, 2])
-    lowest = above[above < above[0] + FLAT_REL * model.width]
+    lowest = touching(model, toss.q[-1])[:, 2] - toss.q[-1, 2]
     if len(lowest) < 3 or not -lowest.mean() > 0:
         return None
     return float(-toss.q[-1, 2] / lowest.mean())

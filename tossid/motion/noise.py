@@ -112,11 +112,12 @@ def _at_least(sigma: Array) -> Array:
 
 def _window_residuals(track: PoseTrack, start: int, stop: int) -> list[Array]:
     """Residuals (WINDOW, nv) of cubics through the tangent coordinates around the middle of each window of frames."""
-    found = []
-    for first in range(start, stop - WINDOW + 1, WINDOW):
-        t, q = track.t[first : first + WINDOW], track.q[first : first + WINDOW]
-        mid = q[WINDOW // 2]
-        turned = quat_boxminus(q[:, 3:7], np.broadcast_to(mid[3:7], (WINDOW, 4)))
-        coordinates = np.concatenate([q[:, :3] - mid[:3], turned, q[:, 7:] - mid[7:]], axis=1)
-        found.append(fit_polynomial(t - t.mean(), coordinates, DEGREE).residuals)
-    return found
+    count = max(0, (stop - start) // WINDOW)
+    if not count:
+        return []
+    rows = start + np.arange(count * WINDOW).reshape(count, WINDOW)
+    t, q = track.t[rows], track.q[rows]
+    mid = q[:, WINDOW // 2, None]
+    turned = quat_boxminus(q[..., 3:7], mid[..., 3:7])
+    coordinates = np.concatenate([q[..., :3] - mid[..., :3], turned, q[..., 7:] - mid[..., 7:]], axis=-1)
+    return list(fit_polynomial(t - t.mean(axis=1, keepdims=True), coordinates, DEGREE).residuals)

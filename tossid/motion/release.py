@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.motion.contact import Touch, may_touch
-from tossid.motion.kinematics import center_of_mass
+from tossid.motion.kinematics import center_of_mass, gyration
 from tossid.motion.noise import pose_noise
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.robust import NORMAL_MAD
@@ -130,10 +130,9 @@ def _log_evidence(track: PoseTrack, model: ObjectModel, gravity: float) -> Array
     if n <= FEWEST_FRAMES:
         return np.zeros(1)
     t, y, var = _coordinates(track, model, gravity)
-    log = _evidence(t, y[:3], var[:3])
-    if len(y) > 3:  # a hand may move it, turn it, or both
-        turned = _evidence(t, y[3:], var[3:])
-        log = np.logaddexp(np.logaddexp(log, log[0]) + turned, log + turned[0]) - np.log(3)
+    log, *turned = _evidence(t, y, var)
+    if turned:  # a hand may move it, turn it, or both
+        log = np.logaddexp(np.logaddexp(log, log[0]) + turned[0], log + turned[0][0]) - np.log(3)
     for r in range(1, len(log)):
         near, u = slice(max(r - STEPS, 0), None), np.maximum(t - t[r], 0.0)
         basis = np.stack([np.ones(n), t, 0.5 * u**2], axis=1)[near]
@@ -150,7 +149,7 @@ def _coordinates(track: PoseTrack, model: ObjectModel, gravity: float) -> tuple[
     com[:, 2] += 0.5 * gravity * s**2
     y, stated = [com], [np.zeros((len(s), 3)) if track.q_cov is None else _diagonal(track.q_cov)[:, :3]]
     if model.is_stated and not model.n_joints:
-        arm = float(np.sqrt(np.trace(model.inertia[0]) / 3 / model.mass[0]))
+        arm = gyration(model)
         y.append(arm * _turned(track.t, track.q[:, 3:7], model.inertia[0]))
         own = np.zeros(len(s)) if track.q_cov is None else _diagonal(track.q_cov)[:, 3:6].mean(axis=1)
         stated.append(np.repeat(arm**2 * own[:, None], 3, axis=1))
@@ -206,6 +205,7 @@ class _Filter(NamedTuple):
         at = np.stack([h**5 / 20, h**4 / 8, h**3 / 6, h**4 / 8, h**3 / 3, h**2 / 2, h**3 / 6, h**2 / 2, h], axis=-1)
         cov = self.cov.copy()
         cov[..., 2, 2] += jump**2
+        # white jerk, integrated: ∫ G Gᵀ du with G = (u²/2, u, 1)
         Q = np.asarray(density)[..., None, None] * at.reshape(*h.shape, 3, 3)
         return _Filter((F @ self.mean[..., None])[..., 0], F @ cov @ F.swapaxes(-1, -2) + Q)
 
@@ -215,45 +215,41 @@ class _Filter(NamedTuple):
         wide = V + WRONG_SIZE**2
         right = np.log(1 - WRONG) - 0.5 * (e**2 / V + np.log(V))
         log = np.logaddexp(right, np.log(WRONG) - 0.5 * (e**2 / wide + np.log(wide)))
+        # the gain, times the probability that the measurement is right
         K = np.exp(right - log)[..., None] * self.cov[..., 0] / V[..., None]
         return _Filter(self.mean + K * e[..., None], self.cov - K[..., None] * self.cov[..., :1, :]), log
 
 
-def _evidence(t: Array, y: Array, var: Array) -> Array:
-    """Logarithms of the evidence (n - FEWEST_FRAMES + 1,) that flight begins at each frame.
+def _evidence(t: Array, y: Array, var: Array) -> list[Array]:
+    """Logarithms of the evidence (n - FEWEST_FRAMES + 1,) that flight begins at each frame, of each three coordinates.
 
     Args:
         t: (n,) times before the end [s], falling.
         y: (k, n) coordinates.
         var: (k, n) their variances.
     """
-    n, drift = len(t), np.array(DRIFTS)[:, None]
-    shape = (len(DRIFTS), len(y))
-    start = _Filter(np.zeros((*shape, 3)), np.broadcast_to(np.diag([0.0, SPEED**2, OTHER**2]), (*shape, 3, 3)).copy())
-    start.mean[..., 0], start.cov[..., 0, 0] = y[:, -1], var[:, -1]
-    flights, free = [start], np.zeros((n, *shape))
-    hand, held = start, np.zeros((n, *shape))
-    flight = start
+    n, density = len(t), np.array([*DRIFTS, HAND_JERK])[:, None]
+    shape = (len(density), len(y))
+    now = _Filter(np.zeros((*shape, 3)), np.broadcast_to(np.diag([0.0, SPEED**2, OTHER**2]), (*shape, 3, 3)).copy())
+    now.mean[..., 0], now.cov[..., 0, 0] = y[:, -1], var[:, -1]
+    states, logs = [now], np.zeros((n, *shape))
     for k in range(n - 2, -1, -1):
-        h = np.asarray(t[k] - t[k + 1])
-        flight, free[k] = flight.after(h, drift).given(y[:, k], var[:, k])
-        hand, held[k] = hand.after(h, HAND_JERK).given(y[:, k], var[:, k])
-        flights.append(flight)
+        now, logs[k] = now.after(np.asarray(t[k] - t[k + 1]), density).given(y[:, k], var[:, k])
+        states.append(now)
+    free, held = logs[:, :-1], logs[:, -1:]
     # of flight from each frame r on, and of a hand before
     r = np.arange(n - FEWEST_FRAMES + 1)
-    after = _Filter(*(np.stack(part[::-1])[r] for part in zip(*flights, strict=True)))
+    after = _Filter(*(np.stack(part[::-1])[r, :-1] for part in zip(*states, strict=True)))
     log = np.cumsum(free[::-1], axis=0)[::-1][r]
     for step in range(1, STEPS + 1):
         own = r >= step
         at = r[own] - step
-        now = _Filter(after.mean[own], after.cov[own])
         h = (t[at] - t[at + 1])[:, None, None]
-        now = now.after(h, HAND_JERK, HAND if step == 1 else 0.0)
-        now, density = now.given(y[:, at].T[:, None], var[:, at].T[:, None])
-        after.mean[own], after.cov[own] = now
-        log[own] += density
-    earlier = np.concatenate([np.zeros((1, *shape)), np.cumsum(held, axis=0)])
+        now = _Filter(after.mean[own], after.cov[own]).after(h, HAND_JERK, HAND if step == 1 else 0.0)
+        (after.mean[own], after.cov[own]), likely = now.given(y[:, at].T[:, None], var[:, at].T[:, None])
+        log[own] += likely
+    earlier = np.concatenate([np.zeros((1, *held.shape[1:])), np.cumsum(held, axis=0)])
     log += earlier[np.maximum(r - STEPS, 0)]
-    log = log.sum(axis=-1)
-    top = log.max(axis=-1)
-    return np.asarray(top + np.log(np.exp(log - top[:, None]).mean(axis=-1)))
+    # the drifts are equally likely
+    parts = [log[..., k : k + 3].sum(axis=-1) for k in range(0, len(y), 3)]
+    return [np.logaddexp.reduce(part, axis=-1) - np.log(len(DRIFTS)) for part in parts]

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from tossid.errors import InputError
 from tossid.motion.contact import Touch, lowest_corner
 from tossid.motion.free_fall import Parabola, find_parabola
+from tossid.motion.kinematics import gyration
 from tossid.motion.noise import pose_noise, velocity_noise
 from tossid.motion.phases import label_phases, phases_of_motion
 from tossid.motion.resting import bounce_heights, rest_heights
-from tossid.motion.smoothing.smoother import Smoothed, gyration, smooth_in_turn
+from tossid.motion.smoothing.smoother import Smoothed, smooth_in_turn
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.types import OnDemand, Phase, PoseTrack, Toss
 

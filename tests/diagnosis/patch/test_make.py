@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import mujoco
 import numpy as np
 import pytest
 
-from tests.diagnosis.by_hand import EFFECTS, hypothesis
-from tests.objects.meshes import obj, scan
+from tests.diagnosis.by_hand import EFFECTS, diagnosis, hypothesis
+from tests.objects.meshes import obj, scan, stl
 from tossid.diagnosis.inference.hypothesis import COULOMB, ContactLaw, Hypothesis
 from tossid.diagnosis.likelihood.engine_discrepancy import MujocoWorld
 from tossid.diagnosis.patch.make import Patch, make_patch
@@ -264,16 +267,32 @@ def test_the_file_keeps_what_the_user_wrote_and_names_no_folder(users: Path) -> 
     assert m.opt.timestep == 0.002
 
 
-def test_meshes_are_found_from_anywhere(tmp_path: Path) -> None:
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "scan.obj").write_text(obj(scan(1), normals=5))
-    mesh = '<compiler meshdir="mine"/><asset><mesh name="m" file="scan.obj"/></asset><worldbody>'
-    text = USER.replace("<worldbody>", mesh).replace('type="box" size="0.0524 0.0524 0.0524"', 'type="mesh" mesh="m"')
+@pytest.mark.parametrize("kind", ["stl", "obj"])
+def test_the_patched_file_takes_its_meshes_and_textures_along(tmp_path: Path, cube: ObjectModel, kind: str) -> None:
+    for name in ("mine/sub", "tex/other"):
+        (tmp_path / name).mkdir(parents=True)
+    mesh = {"stl": stl(scan(1)), "obj": obj(scan(1), normals=5).encode()}[kind]
+    (tmp_path / f"mine/sub/scan.{kind}").write_bytes(mesh)
+    pixels = np.zeros((4, 4, 3), dtype=np.uint8)
+    for name, shade in (("a.png", 0), ("other/a.png", 255)):
+        cv2.imwrite(str(tmp_path / "tex" / name), pixels + np.uint8(shade))
+    files = f'<mesh name="m" file="sub/scan.{kind}"/><texture name="t" type="2d" file="a.png"/>'
+    files += '<texture name="u" type="2d" file="other/a.png"/>'
+    head = f'<compiler meshdir="mine" texturedir="tex"/><asset>{files}</asset><worldbody>'
+    text = USER.replace("<worldbody>", head).replace('type="box" size="0.0524 0.0524 0.0524"', 'type="mesh" mesh="m"')
     (tmp_path / "cube.xml").write_text(text)
     world, _ = world_of_mjcf(tmp_path / "cube.xml", width=None)
     made = Hypothesis(world, OWN).plus(EFFECTS["friction"], np.array([0.3]))
-    m = mujoco.MjModel.from_xml_string(make_patch(made, mjcf=tmp_path / "cube.xml").mjcf)
+    patch = make_patch(made, mjcf=tmp_path / "cube.xml")
+    found = replace(diagnosis(cube), patch=patch.as_json()).save(tmp_path / "gap").rename(tmp_path / "elsewhere")
+    shutil.rmtree(tmp_path / "mine")
+    shutil.rmtree(tmp_path / "tex")
+    text = (found / "patched.xml").read_text()
+    assert str(tmp_path) not in text
+    m = mujoco.MjModel.from_xml_path(str(found / "patched.xml"))
     assert m.nmesh == 1
+    assert m.nmeshvert == patch.model.nmeshvert
+    assert sorted(m.tex_data[m.tex_adr].tolist()) == [0, 255]
 
 
 # ---------------------------------------------------------------- the user's model as a world

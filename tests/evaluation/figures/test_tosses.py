@@ -20,7 +20,7 @@ from tossid.evaluation.figures import (
 )
 from tossid.evaluation.figures.tosses import mean_band
 from tossid.evaluation.metrics import summarize
-from tossid.motion import flight_frames
+from tossid.motion import frames_in_flight
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_exp
 from tossid.types import RecordingOrder, Rollout, Session, Toss
@@ -80,7 +80,7 @@ def test_errors_are_lined_up_at_first_contact(cube: ObjectModel) -> None:
     short = Rollout(run.t[9:], run.q[9:], run.v[9:], run.lam_n[9:])
     along = errors_along([toss, later], [run, short], cube)
     assert along.position_error_pct.shape == (2, len(toss))
-    first = flight_frames(toss, cube)
+    first = frames_in_flight([toss], cube)[0]
     np.testing.assert_allclose(along.time, toss.t - toss.t[first], atol=1e-9)
     np.testing.assert_allclose(along.position_error_pct[0], 100 * 0.010 / 0.1048)
     np.testing.assert_allclose(along.rotation_error_deg[0], 20)

@@ -6,9 +6,10 @@ says so, and the rerun in MuJoCo shows what it is worth. Effects that MJCF canno
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -22,6 +23,9 @@ from tossid.physics.effects.mjcf_edit import Change, Edit
 from tossid.physics.effects.mujoco_contact import write_compliance, write_rigid_contact
 from tossid.physics.mujoco_engine import RIGID_DAMPING, RIGID_SOLIMP, RIGID_STEP
 
+ASSETS = "assets"
+"""Folder beside patched.xml, with the files that it names."""
+
 
 @dataclass(frozen=True)
 class Patch:
@@ -34,6 +38,7 @@ class Patch:
         keys: Changed numbers of tossid's own object and simulator: `before` and `after` by key.
         recording: By effect, how the recorded data are corrected where the recording is wrong, not the simulator.
         not_expressed: By effect, why MJCF cannot express it.
+        assets: By name in the folder `ASSETS` beside the text's file, the user's file of a mesh or texture.
     """
 
     mjcf: str
@@ -42,6 +47,7 @@ class Patch:
     keys: dict[str, dict[str, Any]]
     recording: dict[str, str]
     not_expressed: dict[str, str]
+    assets: dict[str, Path] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
         """The content of gap.json's `patch`, without the rerun.
@@ -55,6 +61,7 @@ class Patch:
             "recording": self.recording,
             "not_expressed": self.not_expressed,
             "mjcf": self.mjcf if self.changes else None,
+            "assets": {name: str(path) for name, path in self.assets.items()},
         }
 
 
@@ -95,7 +102,29 @@ def make_patch(hypothesis: Hypothesis, *, mjcf: Path | None = None) -> Patch:
     text = spec.to_xml()
     if edit.changes:  # the text has fewer digits
         model = read_spec(text).compile()
-    return Patch(text, model, tuple(edit.changes), _keys(hypothesis.base, world), edit.recording, edit.cannot)
+    keys = _keys(hypothesis.base, world)
+    text, assets = _with_own_assets(text)
+    return Patch(text, model, tuple(edit.changes), keys, edit.recording, edit.cannot, assets)
+
+
+def _with_own_assets(text: str) -> tuple[str, dict[str, Path]]:
+    """A model whose files lie in the folder `ASSETS` beside it, so that both can be moved together, and these files."""
+    root, assets = ElementTree.fromstring(text), dict[str, Path]()
+    compiler = root.find("compiler")
+    if compiler is None:
+        return text, {}
+    for asset in root.iterfind("asset/*"):
+        place = Path(compiler.get("texturedir" if asset.tag == "texture" else "meshdir", ""))
+        for key in [key for key in asset.attrib if key.startswith("file")]:
+            source = place / asset.attrib[key]
+            name = source.name if assets.get(source.name, source) == source else f"{len(assets)}-{source.name}"
+            assets[name] = source
+            asset.set(key, name)
+    if not assets:
+        return text, {}
+    for key in ("meshdir", "texturedir"):
+        compiler.set(key, ASSETS)
+    return ElementTree.tostring(root, encoding="unicode"), assets
 
 
 def _find_assets_from_anywhere(spec: mujoco.MjSpec, folder: Path) -> None:

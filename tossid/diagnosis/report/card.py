@@ -28,10 +28,12 @@ class Card:
     """The card.
 
     Attributes:
-        headline: The verdict in a line.
+        verdict: What is said of the whole gap.
+        headline: The verdict in a line, with the names of what is found.
         rows: Lines under labels, in the order in which they are read.
     """
 
+    verdict: str
     headline: str
     rows: dict[str, list[str]]
 
@@ -49,7 +51,7 @@ def card_of(diagnosis: Diagnosis) -> Card:
     Args:
         diagnosis: What was found.
     """
-    headline = VERDICTS[diagnosis.verdict]
+    verdict = headline = VERDICTS[diagnosis.verdict]
     if diagnosis.named:
         headline += f": {listed([_or_alike(finding) for finding in _of(diagnosis, diagnosis.named)])}"
     if diagnosis.candidates:
@@ -62,7 +64,7 @@ def card_of(diagnosis: Diagnosis) -> Card:
         "Left": _left(diagnosis),
         "Do next": _next(diagnosis),
     }
-    return Card(headline, {label: lines for label, lines in rows.items() if lines})
+    return Card(verdict, headline, {label: lines for label, lines in rows.items() if lines})
 
 
 def _change(diagnosis: Diagnosis) -> list[str]:

@@ -15,6 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from tossid.diagnosis.findings import FOUND, Interval
 from tossid.diagnosis.report import units, words
 from tossid.diagnosis.report.card import ENGINES, card_of
+from tossid.diagnosis.report.film import SLOWER, worst_toss
 from tossid.diagnosis.report.registry import REPORT_FIGURES
 from tossid.diagnosis.result import Diagnosis
 from tossid.motion.sessions import session_words
@@ -86,6 +87,8 @@ def _content(diagnosis: Diagnosis, figures: Mapping[str, bytes]) -> dict[str, An
     return {
         "d": diagnosis,
         "card": card_of(diagnosis),
+        "film": worst_toss(diagnosis),
+        "slower": SLOWER,
         "figures": sections.pop("", []),
         "sections": sections,
         "engine": ENGINES[diagnosis.brings.engine],

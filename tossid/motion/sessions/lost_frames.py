@@ -24,8 +24,7 @@ from scipy.stats import binom
 
 from tossid.motion.contact import lowest_corner, runs
 from tossid.motion.flight import fit_polynomial
-from tossid.motion.kinematics import center_of_mass
-from tossid.motion.smoothing.smoother import gyration
+from tossid.motion.kinematics import center_of_mass, gyration
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_rotate
 from tossid.types import OnDemand, PoseTrack

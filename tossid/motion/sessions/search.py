@@ -184,7 +184,8 @@ def _combined(y: Array, C: Array) -> Tilt:
     mean = np.linalg.solve(W.sum(axis=0), np.einsum("kij,kj->i", W, y))
     w = np.diagonal(W, axis1=1, axis2=2)
     Q = np.einsum("ki,ki->i", w, (y - mean) ** 2)
-    # of each axis; the larger is taken for both, since a recording in a plane has no scatter across it
+    # DerSimonian and Laird's moment estimate of each axis; the larger is taken for both, since a recording in a plane
+    # has no scatter across it
     between = max(0.0, float(np.max((Q - (k - 1)) / (w.sum(axis=0) - (w**2).sum(axis=0) / w.sum(axis=0)))))
     W = np.linalg.inv(C + between * eye)
     cov = np.linalg.inv(W.sum(axis=0))

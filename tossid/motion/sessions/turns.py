@@ -18,12 +18,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from tossid.motion.contact import lowest_corner
+from tossid.motion.flight import first_parabola
 from tossid.motion.sessions.levelling import KEPT, turned_track
 from tossid.motion.sessions.witnesses import link_faces, resting_faces
 from tossid.objects import ObjectModel
@@ -35,7 +37,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CLEAR_HEIGHT = 0.01
-"""Height of the lowest corner above its lowest up to which a toss is taken to fly before its first contact [m]."""
+"""Height of the lowest corner above its lowest down to which a toss is taken to fly before its first contact [m]."""
 FEWEST_FLIGHT, LEAST_SPEED = 4, 0.2
 """Frames of that flight, and horizontal speed [m/s], from which on it shows the direction of the throw."""
 SAME_THROW = np.deg2rad(15.0)
@@ -54,25 +56,18 @@ LEAST_P = 1e-12
 """Least probability that is stated."""
 
 
-@dataclass(frozen=True, eq=False)
-class InThrow:
-    """A quantity of tosses, horizontal components, as a part that is fixed in the world and one that turns with throws.
+class Lean(NamedTuple):
+    """How resting faces lean [rad]: horizontal components of their normals.
 
     Attributes:
-        world: Fixed in the recorded world, (2,).
-        throw: Fixed in the axes of the throw: along it, and to its left, (2,).
+        world: The part that is fixed in the recorded world, u, (2,).
+        throw: The part that is fixed in the axes of the throw: along it, and to its left, c, (2,).
         throw_cov: Its covariance over recordings, (2, 2).
-        slope: a and b: in proportion to the covariate, and to its quarter turn, (2,).
-        n: Tosses.
-        n_recordings: Recordings.
     """
 
     world: Array
     throw: Array
     throw_cov: Array
-    slope: Array
-    n: int
-    n_recordings: int
 
     @property
     def p(self) -> float:
@@ -89,14 +84,14 @@ class Turns:
         throws: Direction in which each was thrown, from the x axis [rad], (n,); NaN where it has no such flight.
         recording_of: Which recording each belongs to: tosses in a row that were thrown in one direction, (n,).
         yaw: Mean direction of the throws of each one's recording [rad], (n,); 0 where none shows it.
-        lean: How the normals of resting faces lean [rad]; None where too few recordings show it.
+        lean: How resting faces lean; None where too few recordings show it, or where throws have one direction.
     """
 
     names: tuple[str, ...]
     throws: Array
     recording_of: Ints
     yaw: Array
-    lean: InThrow | None
+    lean: Lean | None
 
     @property
     def were_turned(self) -> bool:
@@ -137,30 +132,29 @@ def find_turns(tracks: Sequence[PoseTrack], model: ObjectModel) -> Turns:
     """
     throws = np.array([throw_direction(track, model) for track in tracks])
     recording = _recordings(throws)
-    yaw = np.array([_mean_direction(throws[recording == k]) for k in range(recording.max(initial=-1) + 1)])[recording]
+    known, yaw = np.isfinite(throws), np.full(len(tracks), np.nan)
+    for k in np.unique(recording[known]):
+        yaw[recording == k] = np.angle(np.exp(1j * throws[known & (recording == k)]).mean())
     faces = link_faces(model)
     resting = [resting_faces(track, model, faces)[:, :2] for track in tracks]
-    normals = np.array([own.mean(axis=0) if len(own) else [np.nan, np.nan] for own in resting]).reshape(-1, 2)
-    places = np.array([track.q[-1, :2] for track in tracks]).reshape(-1, 2)
-    lean = in_throw(normals, places, yaw, recording)
+    has = np.isfinite(yaw) & np.array([len(own) > 0 for own in resting], dtype=bool)
+    normals = np.array([resting[i].mean(axis=0) for i in np.flatnonzero(has)]).reshape(-1, 2)
+    places = np.array([tracks[i].q[-1, :2] for i in np.flatnonzero(has).tolist()]).reshape(-1, 2)
+    lean = find_lean(normals, places, yaw[has], recording[has])
     return Turns(tuple(track.name for track in tracks), throws, recording, np.nan_to_num(yaw), lean)
 
 
 def throw_direction(track: PoseTrack, model: ObjectModel) -> float:
-    """The direction in which an object moves before its first contact, from the x axis [rad]; NaN if too short or slow.
+    """The direction in which an object flies before its first contact, from the x axis [rad]; NaN if too short or slow.
 
     Args:
         track: A toss as recorded.
         model: The object.
     """
     low = lowest_corner(model, track.q)
-    clear = low - low.min() > CLEAR_HEIGHT
-    n = len(clear) if clear.all() else int(np.argmin(clear))
-    if n < FEWEST_FLIGHT:
-        return float("nan")
-    dx, dy = track.q[n - 1, :2] - track.q[0, :2]
-    speed = np.hypot(dx, dy) / (track.t[n - 1] - track.t[0])
-    return float(np.arctan2(dy, dx)) if speed > LEAST_SPEED else float("nan")
+    flight = first_parabola(track.t, track.q[:, :3], low - low.min() > CLEAR_HEIGHT, FEWEST_FLIGHT)
+    vx, vy = (0.0, 0.0) if flight is None else flight.coefficients[1, :2]
+    return float(np.arctan2(vy, vx)) if np.hypot(vx, vy) > LEAST_SPEED else float("nan")
 
 
 def _recordings(throws: Array) -> Ints:
@@ -172,56 +166,45 @@ def _recordings(throws: Array) -> Ints:
     return np.cumsum(begins)
 
 
-def _mean_direction(angles: Array) -> float:
-    known = angles[np.isfinite(angles)]
-    return float(np.angle(np.exp(1j * known).mean())) if len(known) else float("nan")
-
-
-def in_throw(
-    values: Array, covariate: Array, yaw: Array, recording: Ints, *, sigma: Array | None = None
-) -> InThrow | None:
-    """A quantity's part that is fixed in the world, and that which turns with throws: n = u + R c + (a + b J) p.
+def find_lean(normals: Array, places: Array, yaw: Array, recording: Ints) -> Lean | None:
+    """The parts u and c of n = u + R c + (a + b J) p, by robust least squares; their covariance is over recordings.
 
     Args:
-        values: Of each toss, horizontal components, (n, 2); NaN where it has none.
-        covariate: p, (n, 2): a place, or a velocity.
-        yaw: Direction of the throws of each one's recording [rad], (n,); NaN where it is not known.
-        recording: Which each belongs to, (n,); errors may be correlated within one.
-        sigma: Standard deviations of the values, (n,); None: all alike.
+        normals: n of each toss, horizontal components [rad], (n, 2).
+        places: p, where it rests [m], (n, 2).
+        yaw: Direction of the throws of its recording [rad], (n,).
+        recording: Its recording, within which errors may be correlated, (n,).
 
     Returns:
-        The parts; None where too few recordings show it, or where throws have one direction.
+        The parts; None where there are too few recordings, or where throws have one direction.
     """
-    has = np.isfinite(values).all(axis=1) & np.isfinite(covariate).all(axis=1) & np.isfinite(yaw)
-    y, p, r = values[has], covariate[has], recording[has]
-    n, names = len(y), np.unique(r)
+    names = np.unique(recording)
     if len(names) < FEWEST_RECORDINGS:
         return None
-    c, s, zero, one = np.cos(yaw[has]), np.sin(yaw[has]), np.zeros(n), np.ones(n)
-    rows_x = np.stack([one, zero, c, -s, p[:, 0], -p[:, 1]], axis=1)
-    rows_y = np.stack([zero, one, s, c, p[:, 1], p[:, 0]], axis=1)
-    X = np.stack([rows_x, rows_y], axis=1)  # (n, 2, 6)
+    c, s, zero, one = np.cos(yaw), np.sin(yaw), np.zeros(len(yaw)), np.ones(len(yaw))
+    x, y = places.T
+    X = np.stack(
+        [np.stack([one, zero, c, -s, x, -y], axis=1), np.stack([zero, one, s, c, y, x], axis=1)], axis=1
+    )  # (n, 2, 6)
     scale = np.linalg.norm(X, axis=(0, 1))
     X = X / scale
     if np.linalg.cond(X.reshape(-1, 6)) > WORST_CONDITION:
         return None
-    precision = np.ones((n, 1)) if sigma is None else 1 / sigma[has, None]
 
     def fit(weights: Array) -> tuple[Array, Array]:
-        W = precision * np.sqrt(weights)
-        x, *_ = np.linalg.lstsq((X * W[..., None]).reshape(-1, 6), (y * W).ravel(), rcond=None)
-        off = np.abs(y - X @ x) * precision
-        return x, off / (NORMAL_MAD * float(np.median(off)) + 1e-12)
+        root = np.sqrt(weights)
+        z = np.linalg.lstsq((X * root[..., None]).reshape(-1, 6), (normals * root).ravel(), rcond=None)[0]
+        off = np.abs(normals - X @ z)
+        return z, off / (NORMAL_MAD * float(np.median(off)) + 1e-12)
 
-    x, weights = reweighted(fit, (n, 2), limit=OUTLIER, iterations=ITERATIONS)
-    W = precision**2 * weights
-    bread = np.linalg.inv(np.einsum("nia,ni,nib->ab", X, W, X))
-    score = np.einsum("nia,ni->na", X, W * (y - X @ x))
+    z, weights = reweighted(fit, normals.shape, limit=OUTLIER, iterations=ITERATIONS)
+    bread = np.linalg.inv(np.einsum("nia,ni,nib->ab", X, weights, X))
+    score = np.einsum("nia,ni->na", X, weights * (normals - X @ z))
+    by_recording = np.array([score[recording == name].sum(axis=0) for name in names])
     k = len(names)
-    by_recording = np.array([score[r == name].sum(axis=0) for name in names])
-    cov = bread @ (by_recording.T @ by_recording) @ bread * (k / (k - 1))
-    x, cov = x / scale, cov / np.outer(scale, scale)
-    return InThrow(x[:2], x[2:4], cov[2:4, 2:4], x[4:], n, k)
+    cov = bread @ (by_recording.T @ by_recording) @ bread * (k / (k - 1)) / np.outer(scale, scale)
+    z = z / scale
+    return Lean(z[:2], z[2:4], cov[2:4, 2:4])
 
 
 def turn_words(turns: Turns) -> str | None:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from tossid.motion.defects import find_defects
-from tossid.motion.flight import fit_polynomial
+from tossid.motion.flight import first_parabola
 from tossid.motion.kinematics import center_of_mass
 from tossid.motion.noise import scatter
 from tossid.motion.resting import resting_pose
@@ -138,11 +138,9 @@ def fall_of(track: PoseTrack, model: ObjectModel, low: Array, *, fewest: int = F
     Returns:
         Direction and size of the acceleration, and horizontal velocity; nothing where it does not fall long enough.
     """
-    clear = low - low.min() > CLEAR_HEIGHT
-    n = len(clear) if clear.all() else int(np.argmin(clear))
-    if n < fewest:
+    fit = first_parabola(track.t, center_of_mass(model, track.q), low - low.min() > CLEAR_HEIGHT, fewest)
+    if fit is None:
         return {}
-    fit = fit_polynomial(track.t[:n] - track.t[:n].mean(), center_of_mass(model, track.q[:n]))
     _, velocity, acceleration = fit.coefficients
     size = float(np.linalg.norm(acceleration))
     sigma = float((fit.noise + 1e-7) * np.sqrt(fit.unit_cov[2, 2]))

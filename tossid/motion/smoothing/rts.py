@@ -80,6 +80,7 @@ def filter_forward(system: LinearSystem) -> Filtered:
         K = np.linalg.solve(innovation_cov[k], P[:, :m, :]).swapaxes(-1, -2)
         K = np.where(system.seen[k][:, None, None], K, 0.0)
         x = x + (K @ innovation[k][..., None])[..., 0]
+        # Joseph's form (1 - K H) P (1 - K H)ᵀ + K R Kᵀ stays positive where K is rounded
         rest = np.broadcast_to(np.eye(N), (b, N, N)).copy()
         rest[:, :, :m] -= K
         P = rest @ P @ rest.swapaxes(-1, -2) + K @ system.R[k] @ K.swapaxes(-1, -2)
@@ -101,6 +102,7 @@ def smooth(system: LinearSystem) -> tuple[Array, Array, Array]:
     mean, cov = forward.mean, forward.cov
     lag = np.zeros_like(system.F)
     for k in range(len(mean) - 2, -1, -1):
+        # the smoother's gain P_k Fᵀ P_{k+1|k}^-1
         G = np.linalg.solve(forward.cov_p[k + 1], system.F[k] @ cov[k]).swapaxes(-1, -2)
         lag[k] = G @ cov[k + 1]
         mean[k] += (G @ (mean[k + 1] - forward.mean_p[k + 1])[..., None])[..., 0]

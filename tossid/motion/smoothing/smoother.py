@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.motion.contact import Touch
+from tossid.motion.kinematics import gyration
 from tossid.motion.smoothing.rts import filter_forward, smooth
 from tossid.motion.smoothing.system import Batch, differences, linearise, noise_moments, pad, retract, unpad
 from tossid.objects import GRAVITY, ObjectModel
@@ -157,15 +158,6 @@ def _batches(lengths: Sequence[int]) -> list[Array]:
     return [order[sample], *(row[k : k + size] for row in rows for k in range(0, len(row), size))]
 
 
-def gyration(model: ObjectModel) -> float:
-    """Radius of gyration of the base about its centre of mass, which compares spins with speeds [m].
-
-    Args:
-        model: The object.
-    """
-    return float(np.sqrt(np.trace(model.inertia[0]) / 3 / model.mass[0]))
-
-
 def _shape(model: ObjectModel) -> Array:
     """(nv,) densities of all coordinates that share kinetic energy evenly with 1 m²/s³ of the translation."""
     return np.concatenate([np.ones(3), np.full(model.nv - 3, gyration(model) ** -2)])
@@ -218,6 +210,7 @@ def _likelier(noise: Array, h: Array, density: Array, contact: NDArray[np.bool_]
     """The factor by which a step of expectation maximisation changes the density of Student-t noise, given E[w²]."""
     size = (noise / h[..., None] / density).sum(axis=-1)[contact]
     nv = noise.shape[-1]
+    # M-step: S <- mean of E[s_k] w_kᵀ w_k / nv, with E[s_k] = (ν + nv) / (ν + |w_k|²/S)
     step = float(np.mean(size * (DOF + nv) / (DOF + size)) / nv)
     return float(np.clip(step, least / density[0], 10 * CONTACT_DENSITY / density[0]))
 
@@ -226,7 +219,7 @@ def _factor(noise: Array, h: Array, density: Array) -> Array:
     """1 / E[s_k] (n-1, b) of the Student-t noise, given E[w²], or a share of a neighbour's."""
     nv = noise.shape[-1]
     size = (noise / h[..., None] / density).sum(axis=-1)
-    own = (DOF + size) / (DOF + nv)
+    own = (DOF + size) / (DOF + nv)  # E-step: 1 / E[s_k | w_k]
     factor = own.copy()
     factor[1:] = np.maximum(factor[1:], NEIGHBOUR_SHARE * own[:-1])
     factor[:-1] = np.maximum(factor[:-1], NEIGHBOUR_SHARE * own[1:])
@@ -268,5 +261,6 @@ def _flight_density(model: ObjectModel, batch: Batch, state: _State) -> Array:
             score[row, column] = -0.5 * (distance + np.linalg.slogdet(P)[1]).sum()
     for column, part in enumerate(parts):
         admitted = score[:, column] >= score[:, column].max() - LOG_LIKELIHOOD_SLACK
+        # the largest that is admitted: too much noise widens covariances, too little biases velocities
         density[0, part] = tried[np.flatnonzero(admitted).max()] * shape[part]
     return density

@@ -181,8 +181,8 @@ def linearise(model: ObjectModel, q: Array, v: Array, batch: Batch, S: Array, fa
         I = model.inertia[0]
         I_inv = np.linalg.inv(I)
         momentum = spin @ I
-        alpha = -np.cross(spin, momentum) @ I_inv
-        A = -I_inv @ (skew(spin) @ I - skew(momentum))
+        alpha = -np.cross(spin, momentum) @ I_inv  # Euler: I ω̇ = -ω × I ω
+        A = -I_inv @ (skew(spin) @ I - skew(momentum))  # ∂ω̇/∂ω
     else:  # how a tree's bodies turn each other is left to the white accelerations
         alpha, A = np.zeros_like(spin), np.zeros((*spin.shape, 3))
     phi = (spin + 0.5 * h * alpha) * h
@@ -204,6 +204,7 @@ def linearise(model: ObjectModel, q: Array, v: Array, batch: Batch, S: Array, fa
     F = np.broadcast_to(np.eye(N), (n - 1, b, N, N)).copy()
     F[..., :nv, nv:] += h[..., None] * np.eye(nv)
     hh = h[..., None]
+    # R exp(δθ) exp(φ) = R exp(φ) exp(exp(-φ) δθ), and δφ turns it by the right Jacobian
     F[..., 3:6, 3:6] = rotvec_to_matrix(-phi)
     F[..., 3:6, nv + 3 : nv + 6] = hh * right_jacobian(phi) @ (np.eye(3) + 0.5 * hh * A)
     F[..., nv + 3 : nv + 6, nv + 3 : nv + 6] += hh * A
@@ -244,6 +245,7 @@ def noise_moments(system: LinearSystem, mean: Array, cov: Array, lag: Array) -> 
     """
     nv = mean.shape[-1] // 2
     F = system.F[..., nv:, :]
+    # w_k = δ_{k+1} - F δ_k - d, whose variance needs the covariance of neighbours
     w = mean[1:, :, nv:] - (F @ mean[:-1, ..., None])[..., 0] - system.d[..., nv:]
     across = np.einsum("kbij,kbji->kbi", F, lag[..., nv:])
     spread = np.einsum("kbij,kbjl,kbil->kbi", F, cov[:-1], F)

@@ -78,6 +78,21 @@ def contact_friction(m: mujoco.MjModel, ground: int, own: int) -> float:
     return one if order > 0 else other if order < 0 else max(one, other)
 
 
+def combined_words(m: mujoco.MjModel, ground: int, own: int) -> str:
+    """What MuJoCo makes of the frictions that two geoms state, in words."""
+    made = contact_friction(m, ground, own)
+    one, other = (f"{float(m.geom_friction[geom, 0]):g}" for geom in (own, ground))
+    if _pair(m, ground, own) is not None:
+        how = f"their pair states it; the object states {one}, the ground {other}"
+    elif m.geom_priority[own] != m.geom_priority[ground]:
+        how = f"the object states {one}, the ground {other}, and the geom with the higher priority decides"
+    elif one == other:
+        how = "both geoms have it"
+    else:
+        how = f"the object states {one}, the ground {other}, and MuJoCo takes the larger"
+    return f"friction of object and ground is {made:g} ({how})"
+
+
 def colliding_geoms(m: mujoco.MjModel) -> tuple[list[int], list[int]]:
     """Geoms that touch others: those of the world, and those of bodies."""
     touch = [g for g in range(m.ngeom) if m.geom_contype[g] or m.geom_conaffinity[g]]
