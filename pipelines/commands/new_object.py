@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from tossid.objects import ObjectModel
 
 
+LARGEST_EDGE = 3.0
+"""Of an object that a person tosses [m]: more is in another unit."""
+
+
 def run(config: NewObjectConfig, console: Console) -> dict[str, Any]:
     """Make it; returns the files, the tags' ids and sizes, and the key that takes it."""
     import yaml
@@ -79,6 +83,10 @@ def _tagged(config: NewObjectConfig) -> ObjectModel:
     from tossid.vision.setup.faces import default_tags
     from tossid.vision.setup.tag_sheet import QUIET
 
+    if max(config.box) > LARGEST_EDGE:
+        metres = ",".join(f"{edge / 1000:g}" for edge in config.box)
+        problem = f"{max(config.box):g} m is no edge of an object to toss; expected metres: [{metres}] if these are mm."
+        raise ConfigError("box", problem)
     model = box(config.name, config.box, config.mass, com=config.com, friction=config.friction)
     tags = default_tags(model, first_id=config.first_id)
     if config.tag_size is not None:

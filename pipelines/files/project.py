@@ -48,9 +48,21 @@ def dataset_path(path: Path | None) -> Path:
         return newest_dataset()
     if path.is_dir() and (path / "tosses.h5").is_file():
         return path / "tosses.h5"
+    if path.is_dir():
+        raise FileError(path, f"is a folder, and no dataset (.h5); {_made_by_ingest(path)}")
     if not path.is_file():
         raise FileError(path, "no such dataset; expected a .h5 file")
     return path
+
+
+def _made_by_ingest(folder: Path) -> str:
+    """How a dataset is made of what a folder holds."""
+    inside = sorted(path.suffix for path in folder.iterdir())
+    sources = {".txt": "tum", ".pt": "contactnets"}
+    poses = next((sources[suffix] for suffix in inside if suffix in sources), None)
+    if poses is not None and not (folder / "cameras.yaml").exists():
+        return f"'tossid ingest source={poses} source.path={folder}' makes one of the poses in it"
+    return f"'tossid ingest source.path={folder}' makes one of a recording"
 
 
 def check_dataset_name(key: str, path: Path) -> Path:

@@ -68,6 +68,14 @@ def test_a_simulator_that_fails_is_refused_before_the_search(engine: Callable[..
         prepare(dataset, broken, settings=DiagnoseSettings(threads=1))
     with pytest.raises(InputError, match=r"'nominal', a trained model, .* or a function"):
         prepare(dataset, 3.0)
+
+    def coarse(q0: np.ndarray, v0: np.ndarray, n_steps: int, dt: float) -> Any:
+        steps = int(dt / 0.01)  # of its own, of which a frame holds none
+        q = [q0 + np.pad(v0[:, :3] * k * steps * 0.01, ((0, 0), (0, 4))) for k in range(n_steps + 1)]
+        return np.stack(q, axis=1), np.repeat(v0[:, None], n_steps + 1, axis=1)
+
+    with pytest.raises(InputError, match=r"coarse: in one frame of dt = 0\.00676 s it moves the object 0 times as far"):
+        prepare(dataset, coarse, settings=DiagnoseSettings(threads=1))
     # a partial function serves too
     assert prepare(dataset, partial(engine, mu=0.2)).simulator.about.startswith("the simulator")
 

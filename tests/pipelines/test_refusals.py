@@ -97,6 +97,9 @@ REFUSED: dict[str, dict[str, str | tuple[str, ...]]] = {
         "source=tum source.path=nowhere": "nowhere: no such file or folder; source.path names",
         "source=tum source.path=short_row": "a.txt",
         "source=tum source.path=short_row out=notes.txt": "Did you mean 'notes.h5'?",
+        "source.path=thesis out=a.h5": (
+            "thesis: has no cameras.yaml and no tagslam.yaml; a recording is its images or film with cameras.yaml"
+        ),
         "source=contactnets source.path=nan": ("0.pt", "7", "NaN"),
         "source=contactnets source.path=quaternion": ("0.pt", "7", "quaternion"),
         "source=contactnets source.path=pickled": "0.pt",
@@ -114,6 +117,8 @@ REFUSED: dict[str, dict[str, str | tuple[str, ...]]] = {
         "model.gravity=-1": "model.gravity: -1 is out of range",
         "model.gravity=1e300": "model.gravity: 1e+300 is out of range; expected a number from",
         "data=nowhere.h5": "nowhere.h5: no such dataset",
+        "data=film": "is a folder, and no dataset (.h5); 'tossid ingest source.path=film' makes one of a recording",
+        "data=short_row": "'tossid ingest source=tum source.path=short_row' makes one of the poses in it",
         "data=tosses tosses=99": "tosses=99: the dataset has 5 training tosses",
         "data=cut.h5": "cut.h5",
         "data=untrained.h5": "no tosses in split 'train'",
@@ -169,6 +174,7 @@ REFUSED: dict[str, dict[str, str | tuple[str, ...]]] = {
         "sim=python sim.path=none.py": "sim.path: there is no file none.py",
         "sim=python sim.path=mine.py sim.function=absent": "has no function 'absent'",
         "sim=python sim.path=mine.py sim.function=dying": "dying of mine.py: its process ended (exit status 7)",
+        "sim=python sim.path=mine.py sim.function=coarse": "it moves the object 0 times as far as its velocity says",
         "sim=python sim.path=mine.py sim.function=broken": (
             "broken of mine.py: returns q that is not finite in 1 of 1 motions, in row 0 from frame 0"
         ),
@@ -199,6 +205,7 @@ REFUSED: dict[str, dict[str, str | tuple[str, ...]]] = {
         "name=a box=[0.2,0.1] mass=0.8": "box: has 2 values",
         "name=a box=[0.1,0.1,0.1] mass=1e300": "mass: 1e+300 is out of range",
         "name=a box=[0.1,0.1,1e300] mass=1": "1e+300 is out of range",
+        "name=a box=[120,100,80] mass=1": "expected metres: [0.12,0.1,0.08] if these are mm",
     },
     "export": {
         "format=urdf out=cube.xml": "does not end in .urdf",
@@ -237,6 +244,12 @@ import numpy as np
 
 def broken(q0, v0, n_steps, dt):
     return np.repeat(q0[:, None] * np.nan, n_steps + 1, axis=1), np.repeat(v0[:, None], n_steps + 1, axis=1)
+
+def coarse(q0, v0, n_steps, dt):
+    steps = int(dt / 0.01)  # of its own, of which a frame holds none
+    q = np.repeat(q0[:, None], n_steps + 1, axis=1)
+    q[..., :3] += 0.01 * steps * np.arange(n_steps + 1)[:, None] * v0[:, None, :3]
+    return q, np.repeat(v0[:, None], n_steps + 1, axis=1)
 
 def dying(q0, v0, n_steps, dt):
     raise SystemExit(7)

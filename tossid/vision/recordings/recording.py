@@ -180,6 +180,13 @@ def read_set_up(folder: str | Path) -> tuple[tuple[Camera, ...], TagLayout]:
     folder = Path(folder)
     if not folder.is_dir():
         raise FileError(folder, "no such folder; expected a recording (cameras.yaml, tagslam.yaml, frames/)")
+    missing = [name for name in ("cameras.yaml", "tagslam.yaml") if not (folder / name).exists()]
+    if missing:
+        raise FileError(
+            folder,
+            f"has no {' and no '.join(missing)}; a recording is its images or film with cameras.yaml (calibration), "
+            "camera_poses.yaml (where the cameras stand) and tagslam.yaml (the tags' sizes and places)",
+        )
     layout = read_tagslam(folder / "tagslam.yaml")
     return read_cameras(folder, layout=layout), layout
 
