@@ -1,9 +1,22 @@
-"""Tables for notebooks: how results show themselves in Jupyter."""
+"""Numbers and tables as results show themselves, in Jupyter and on the console."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from html import escape
+
+ROUNDING = 1e-12
+"""Size of a number below which it is what rounding leaves of zero."""
+
+
+def number_words(value: float, digits: int = 4) -> str:
+    """A number with so many significant digits; what rounding leaves of zero is 0.
+
+    Args:
+        value: The number.
+        digits: How many at most.
+    """
+    return f"{value if abs(value) > ROUNDING else 0.0:.{digits}g}"
 
 
 def html_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

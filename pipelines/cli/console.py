@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Protocol
 
 from pipelines.tracking.addresses import redacted
+from tossid.html import number_words
 
 if TYPE_CHECKING:
     from rich.console import Console as RichConsole
@@ -70,12 +71,14 @@ class Console:
         table = Table(title=title or None, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
         for i, column in enumerate(columns):
             numeric = any(isinstance(row[i], (int, float)) for row in rows)
-            table.add_column(column, justify="right" if numeric else "left", overflow="fold")
+            words = [word for row in rows for word in _cell(row[i]).split()] if i == 0 else []
+            longest = min(_LONGEST_WORD, max(map(len, (*words, *column.split())), default=0))  # names stay whole
+            table.add_column(column, justify="right" if numeric else "left", overflow="fold", min_width=longest)
         from rich.text import Text
 
         for row in rows:
             table.add_row(*(Text(redacted(_cell(value))) for value in row))
-        self.rich.print(table, soft_wrap=False)
+        self.rich.print(table, soft_wrap=False, crop=False, width=None if self.is_terminal else _WIDE)
 
     def facts(self, facts: Mapping[str, object], *, title: str = "") -> None:
         """Names and values, one a line."""
@@ -134,6 +137,10 @@ class Console:
             yield report
 
 
+_LONGEST_WORD = 48
+"""Letters of a word of a table that is not wrapped."""
+_WIDE = 160
+"""Width of a table where no terminal limits it."""
 _BEGINS_AGAIN = 10.0
 """Points of a hundred by which a share falls where work begins again."""
 
@@ -187,7 +194,7 @@ def _cell(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return f"{value:.4g}"
+        return number_words(value)
     if isinstance(value, dict):
         return ", ".join(f"{name} {_cell(item)}" for name, item in value.items()) or "-"
     if isinstance(value, (list, tuple)):

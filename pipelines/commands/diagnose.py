@@ -52,6 +52,7 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
                 found = replace(task.run(under_way), data=about)
                 found.save(temporary)
                 tracked.metrics(found.metrics())
+                tracked.describe(f"The whole report is `gap.html`, under Artifacts.\n\n```\n{found}\n```")
                 tracked.tag("verdict", found.verdict)
                 tracked.tag("effects", ", ".join(found.named))
                 written = [name for name in _FILES if (temporary / name).exists()]

@@ -65,6 +65,7 @@ def _evaluate(
         tracked.data(Path(about["data"]), sha256, context="evaluation")
         tracked.tag("evaluated_run", record.id)
         tracked.metrics(metric_means(scores.metrics))
+        tracked.describe(f"`{name}` (run {record.name}) on {count} tosses of `{about['data']}`.", *scores.table())
         with output_folder(folder, made_by="evaluate") as temporary:
             metrics, *figures = scores.save(temporary)
             result = {**scores.as_json(), **about}

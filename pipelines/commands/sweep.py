@@ -8,12 +8,15 @@ MLflow gets a run for the study and a nested one for each cell; only the command
 from __future__ import annotations
 
 import json
+import re
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from pipelines.cli.console import Console
 from pipelines.commands.cells import study_cells
@@ -72,6 +75,7 @@ def run_sweep(config: EvaluateConfig, sweep: SweepConfig, console: Console) -> d
             for path in files:
                 parent.artifact(path, folder=None if path.parent == folder else path.parent.name)
             parent.metrics({"cells": len(found.rows), "failed": len(found.failed)})
+            _track_errors(parent, found, folder / "table.md")
     report = {
         "run": parent.id,
         "sweep": sweep.name,
@@ -176,6 +180,24 @@ def _noted(folder: Path) -> dict[str, Any]:
         return {"run": str(runs["run"]), "cells": dict(runs["cells"])}
     except (OSError, ValueError, KeyError, TypeError):
         return {}
+
+
+ERRORS = ("position_error_pct", "rotation_error_deg")
+
+
+def _track_errors(parent: TrackedRun, found: Study, table: Path) -> None:
+    """Log errors by model, means over seeds: a curve each, whose steps number the swept values; and the table."""
+    values = sorted({row[found.swept] for row in found.rows})
+    for step, value in enumerate(values):
+        for name in ERRORS:
+            of_model: dict[str, list[float]] = {}
+            for row in found.rows:
+                if row[found.swept] == value:
+                    model = re.sub(r"[^\w./: -]", "_", row["model"])  # MLflow bears no other letters
+                    of_model.setdefault(f"{name}/{model}", []).append(row[name]["mean"])
+            parent.metrics({key: float(np.mean(errors)) for key, errors in of_model.items()}, step=step)
+    steps = ", ".join(f"{step} is {value:g}" for step, value in enumerate(values))
+    parent.describe(f"Steps of the curves number the swept {found.swept}: {steps}.\n\n{table.read_text()}")
 
 
 def _show(sweep: SweepConfig, found: Study, report: Mapping[str, Any], console: Console) -> None:

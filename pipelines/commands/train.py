@@ -88,6 +88,11 @@ def _train(
         numbers = {key: value for key, value in trained.parameters.items() if isinstance(value, float)}
         tracked.metrics({**numbers, "seconds": trained.seconds}, step=len(trained.history))
         tracked.text(json.dumps(trained.parameters, indent=1), "parameters.json")
+        tracked.describe(
+            f"`{name}`, learned from `{config.data}`. Its shape is `figures/learned_geometry.png`, under Artifacts.",
+            ("learned", "value"),
+            [(key, f"{value:.4g}") for key, value in numbers.items()],
+        )
         tracked.checkpoint(checkpoint)
         for path in figures:
             tracked.artifact(path, folder="figures")

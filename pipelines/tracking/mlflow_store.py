@@ -37,6 +37,11 @@ _NETWORK = (
     "fuse",
 )  # fmt: skip
 """How types of file systems begin that another machine may write to; what FUSE mounts may be local."""
+_KIND = {"mlflow.experimentKind": "custom_model_development"}
+"""What MLflow 3 opens an experiment as: training of models, and not language models.
+
+The page of 3.17 goes by a switch of its own, which the browser remembers (docs/guide/train.md).
+"""
 _ADVICE = "start it, or unset the variable to track in this folder"
 
 
@@ -265,6 +270,9 @@ def find_experiment(client: MlflowClient, name: str) -> str | None:
             if client.get_experiment(found.experiment_id).lifecycle_stage == "deleted":
                 raise
         Console().warn(f"experiment '{name}' had been deleted in MLflow; it is restored, with all of its runs")
+    for tag, value in _KIND.items():
+        if tag not in found.tags:  # an earlier version made it
+            client.set_experiment_tag(found.experiment_id, tag, value)
     return str(found.experiment_id)
 
 
@@ -276,7 +284,7 @@ def experiment_id(client: MlflowClient, name: str) -> str:
     if found is not None:
         return found
     try:
-        return str(client.create_experiment(name))
+        return str(client.create_experiment(name, tags=_KIND))
     except MlflowException:  # another process was faster
         found = find_experiment(client, name)
         if found is None:

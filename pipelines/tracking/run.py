@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import is_dataclass
 from functools import partial
@@ -92,6 +92,11 @@ class TrackedRun:
     def tag(self, name: str, value: object) -> None:
         """Set a tag."""
         self._send(lambda client, run: client.set_tag(run, name, str(value)))
+
+    def describe(self, text: str, head: Sequence[str] = (), rows: Iterable[Sequence[str]] = ()) -> None:
+        """Say what the run is and what it found, in Markdown and, where it has a head, a table: its page shows that."""
+        lines = [f"| {' | '.join(cells)} |" for cells in (head, ["---"] * len(head), *rows)] if head else []
+        self.tag("mlflow.note.content", "\n".join([text, "", *lines]))
 
     def data(self, path: Path, sha256: str, *, context: str) -> None:
         """Log a dataset that the run reads: which file, which hash, for what."""

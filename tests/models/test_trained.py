@@ -169,7 +169,7 @@ def test_a_parameter_is_shown_with_its_interval_or_alone(shown: TrainedModel) ->
 def test_what_tosses_leave_open_is_shown_without_numbers(shown: TrainedModel) -> None:
     known = {"friction": {"value": 0.1817, "ci95": None, "reason": "the tosses leave it open"}}
     unsure = replace(shown, parameters={"uncertainty": {"intervals": known}})
-    assert repr(unsure).splitlines()[1:] == ["  friction: not determined"]
+    assert repr(unsure).splitlines()[1:] == ["  not determined: friction"]
     assert "0.1817" not in unsure._repr_html_()
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tossid.errors import InputError
 from tossid.evaluation.metrics import TossScores, joined, roll_out, score_tosses, score_windows, summarize_scores
-from tossid.html import html_table
+from tossid.html import html_table, number_words
 from tossid.models import TrainedModel
 from tossid.models.protocol import DynamicsModel
 from tossid.motion import frames_in_flight
@@ -99,7 +99,8 @@ class Scores:
         if (frames_in_flight(tosses, nominal) < [len(toss) for toss in tosses]).sum() > 1:
             figures["errors_along_rollout"] = errors_along_rollout({name: errors_along(tosses, rollouts, nominal)})
         for rank, i in ranked(self.per_toss.position_error_pct).items():
-            title = f"Toss {tosses[i].name}, {rank} position error of {len(tosses)}"
+            place = f", {rank} position error of {len(tosses)}" if len(tosses) > 1 else ""
+            title = f"Toss {tosses[i].name}{place}"
             figures[f"toss_comparison_{rank}"] = toss_comparison(tosses[i], {name: rollouts[i]}, nominal, title=title)
         return figures | self.acceleration_figure() | self._angles_figure()
 
@@ -160,7 +161,8 @@ class Scores:
 
     def __repr__(self) -> str:
         lines = [f"Scores of {self.model.name} on {len(self.dataset.tosses)} tosses"]
-        lines += [f"  {name}: {mean} ({ends})" for name, mean, ends, *_ in self.table()[1]]
+        known = [(f"  {name}: {mean}", ends) for name, mean, ends, *_ in self.table()[1]]
+        lines += [line if ends == "-" else f"{line} ({ends})" for line, ends in known]
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -280,4 +282,5 @@ def _cells(value: dict[str, Any] | None) -> list[str]:
         return ["-", "-"]
     low, high = value["ci95"]
     few = value.get("n", 2) < 2  # one toss has no spread
-    return [f"{value['mean']:.3g}", "-" if few else f"{low:.3g} to {high:.3g}"]
+    mean, low, high = (number_words(x, 3) for x in (value["mean"], low, high))
+    return [mean, "-" if few or low == high else f"{low} to {high}"]

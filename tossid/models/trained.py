@@ -19,6 +19,7 @@ import torch
 
 from tossid import budget
 from tossid.errors import FileError, InputError
+from tossid.html import number_words
 from tossid.models.protocol import DynamicsModel
 from tossid.models.registry import build_model, settings_from
 from tossid.objects import ObjectModel, Roundness, object_from_mjcf
@@ -164,16 +165,18 @@ class TrainedModel:
 
     def _rows(self) -> list[tuple[str, str]]:
         """Names and values of the parameters that are single numbers, with their intervals."""
-        known = {name: _with_interval(x["value"], x["ci95"]) for name, x in self.intervals.items()}
-        plain = {k: f"{v:.4g}" for k, v in self.parameters.items() if isinstance(v, float) and k not in known}
-        return list({**plain, **known}.items())
+        found = self.intervals
+        known = {name: _with_interval(x["value"], x["ci95"]) for name, x in found.items() if x["ci95"] is not None}
+        plain = {k: number_words(v) for k, v in self.parameters.items() if isinstance(v, float) and k not in found}
+        others = ", ".join(name for name in found if name not in known)
+        return list({**plain, **known, **({"not determined": others} if others else {})}.items())
 
     def _stages(self) -> list[tuple[str, list[EpochRecord]]]:
         return [(stage, list(records)) for stage, records in groupby(self.history, key=lambda record: record.stage)]
 
 
-def _with_interval(value: float, interval: Sequence[float] | None) -> str:
-    return "not determined" if interval is None else f"{value:.4g} ({interval[0]:.4g} to {interval[1]:.4g})"
+def _with_interval(value: float, interval: Sequence[float]) -> str:
+    return f"{number_words(value)} ({number_words(interval[0])} to {number_words(interval[1])})"
 
 
 def _curve(values: Sequence[float], *, width: int = 160, height: int = 48) -> str:

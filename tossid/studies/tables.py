@@ -15,6 +15,7 @@ import numpy as np
 
 from tossid.evaluation.evaluate import PARTS
 from tossid.evaluation.metrics import depths
+from tossid.html import number_words
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.physics.identifiable import base_parameters, order
 from tossid.settings.training import ModelSettings
@@ -123,7 +124,8 @@ def _metric(cells: Sequence[Row], name: str, *, digits: int = 1, ends: bool = Tr
     if not values:
         return "-"
     mean, low, high = np.mean([(value["mean"], *value["ci95"]) for value in values], axis=0)
-    return f"{mean:.{digits}f}" + (f" ({low:.{digits}f} to {high:.{digits}f})" if ends else "")
+    text, low, high = (f"{round(x, digits) + 0.0:.{digits}f}" for x in (mean, low, high))
+    return f"{text} ({low} to {high})" if ends and low != high else text
 
 
 def _range(values: Sequence[float]) -> str:
@@ -141,7 +143,7 @@ def seed_means(cells: Sequence[Row], swept: str) -> tuple[list[str], list[list[s
     for model, value, same in _by_value(cells, swept):
         found = [[c[name]["mean"] if isinstance(c[name], dict) else c[name] for c in same] for name in metrics]
         known = [[number for number in part if number is not None] for part in found]
-        rows.append([model, f"{value:g}", *[f"{np.mean(part):.3g}" if part else "-" for part in known]])
+        rows.append([model, f"{value:g}", *[number_words(float(np.mean(part)), 3) if part else "-" for part in known]])
     return ["model", swept, *metrics], rows
 
 

@@ -72,6 +72,20 @@ def test_where_the_object_may_reach_is_marked_and_in_the_picture(cube: ObjectMod
     assert_legible(figure)
 
 
+def test_one_corner_that_nobody_saw_does_not_shrink_the_object(cube: ObjectModel) -> None:
+    seen = np.arange(8) != 3
+    start = cube.corner_pos.copy()
+    start[3] += 0.5
+    plain = learned_geometry(cube, cube)
+    figure = learned_geometry(
+        cube, cube, seen=seen, stages=[start, cube.corner_pos], unseen=np.array([[0.9, 0.1, 0.1], [0.06, 0.06, 0.06]])
+    )
+    wide, usual = (float(np.ptp(titled(each, "from above").get_xlim())) for each in (figure, plain))
+    assert usual < wide < 1.5 * usual
+    assert "It may reach 900 mm from the middle, beyond the picture." in words(figure)
+    assert_legible(figure)
+
+
 def test_each_angle_shows_both_objects_and_what_touched(elbow: ObjectModel) -> None:
     learned = elbow.with_changes(corner_pos=elbow.corner_pos + np.array([0.001, 0, 0]))
     seen = np.arange(16) != 5

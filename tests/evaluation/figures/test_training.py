@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -46,6 +46,15 @@ def test_training_curves_show_every_epoch_and_mark_stages() -> None:
     assert {text.get_text().strip() for text in loss.texts} >= {"continuous", "contact", "training", "validation"}
     assert not lines(parts, "unsolved"), "a count is no part of the loss"
     assert "Unsolved inner problems: at most 1" in words(figure)
+    assert_legible(figure)
+
+
+def test_what_many_stages_kept_is_whole_below_the_curves() -> None:
+    records = [replace(record, stage=f"stage {k} of the fit") for k in range(6) for record in history()[:3]]
+    figure = training_curves(records)
+    said = words(figure).replace("\n", " ")
+    for k in range(6):
+        assert f"stage {k} of the fit 0.00375 at epoch {3 * k + 3}" in said
     assert_legible(figure)
 
 

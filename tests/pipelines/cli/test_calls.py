@@ -241,3 +241,16 @@ def test_an_interrupted_command_tidies_up(project: Path, number: str) -> None:
     assert "interrupted" in one_line(done.stderr)
     assert (project / "a.h5").read_text() == "old"
     assert [path.name for path in project.iterdir()] == ["a.h5"]
+
+
+def test_a_table_is_whole_and_its_names_are_not_wrapped(capfd: pytest.CaptureFixture[str]) -> None:
+    head = [f"a_long_name_of_column_{k}" for k in range(5)]
+    rows = [
+        [f"a_long_name_of_row_{k}", -3.6e-15, 0.5, "many words one after another", "0123456789" * 6] for k in (0, 1)
+    ]
+    Console().table(head, rows)
+    said = capfd.readouterr().err
+    for name in (*head, rows[0][0], rows[1][0]):
+        assert name in said
+    assert said.count("9") == 12
+    assert "e-15" not in said

@@ -82,6 +82,14 @@ def test_a_study(beside: Path, answer: Any, counted: list[str]) -> None:
     assert {"cells.json", "cells.csv", "table.md", "config.yaml", "figures"} <= {
         path.name for path in parent.folder.iterdir()
     }
+    # errors by model, a curve over the swept values, and the table in its description
+    for model in ("cn", "cnrp"):
+        of_model = {c["gravity"]: c["position_error_pct"]["mean"] for c in report["cells"] if c["model"] == model}
+        curve = dict(metric_history(parent.id, f"position_error_pct/{model}"))
+        assert curve == pytest.approx({0: of_model[4.905], 1: of_model[9.81]})
+    said = stored_run(parent.id).data.tags["mlflow.note.content"]
+    assert "swept gravity: 0 is 4.905, 1 is 9.81." in said
+    assert (parent.folder / "table.md").read_text() in said
     nested = find_runs(parent=parent.id)
     assert {run.info.run_id for run in nested} == {c["run"] for c in report["cells"]}
     assert {run.info.status for run in nested} == {"FINISHED"}

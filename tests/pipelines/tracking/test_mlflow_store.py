@@ -180,3 +180,18 @@ def test_what_is_deleted_while_a_command_works_is_no_bug(
     assert "MLflow's store refuses (" in said
     assert "must be in the 'active' state" in said
     assert "The command can be run again" in said
+
+
+def test_the_page_opens_the_experiment_as_training_of_models(project: Path) -> None:
+    store = client()
+    store.create_experiment("tossid")  # as an earlier version made it
+    for name in ("tossid", "another"):
+        made = store.get_experiment(experiment_id(store, name))
+        assert made.tags["mlflow.experimentKind"] == "custom_model_development"
+
+
+def test_a_run_says_what_it_found(project: Path) -> None:
+    with tracked_run("there", {}, command="train") as run:
+        run.describe("`cn`, learned.", ("learned", "value"), [("friction", "0.3")])
+    said = stored_run(run.id).data.tags["mlflow.note.content"]
+    assert said == "`cn`, learned.\n\n| learned | value |\n| --- | --- |\n| friction | 0.3 |"

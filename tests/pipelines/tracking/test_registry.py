@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pipelines.tracking.registry import FRAME, Served, signature_of, write_model
+from pipelines.tracking.registry import EXAMPLE_STEPS, FRAME, Served, signature_of, write_model
 from tossid.models import TrainedModel, build_model, variant
 from tossid.objects import ObjectModel
 from tossid.settings.training import TrainSettings
@@ -44,3 +45,15 @@ def test_the_folder_holds_the_checkpoint_and_no_pickle(trained: TrainedModel, tm
     assert (folder / "checkpoint.pt").read_bytes() == checkpoint.read_bytes()
     assert not [path for path in folder.rglob("*") if path.suffix in (".pkl", ".pickle")]
     assert "pipelines.tracking.registry" in (folder / "MLmodel").read_text()
+
+
+def test_the_example_is_a_call_that_the_model_answers(trained: TrainedModel, tmp_path: Path) -> None:
+    from mlflow.models import Model
+
+    folder = tmp_path / "registered"
+    folder.mkdir()
+    write_model(trained.save(tmp_path / "model.pt"), folder)
+    call = json.loads(Model.load(str(folder)).get_serving_input(str(folder)))
+    found = Served(trained).predict(call["inputs"], call["params"])
+    assert found["q"].shape == (1, EXAMPLE_STEPS + 1, 8)
+    assert found["q"][0, -1, 0] > 0.2

@@ -32,6 +32,8 @@ Array = NDArray[np.float64]
 
 SHIFT_SHARE = 0.15
 """Shifts of corners are exaggerated until the largest is about this share of the object's width."""
+FARTHEST_UNSEEN = 1.3
+"""How far a picture goes out to what no toss has shown, over what it shows without."""
 FACTORS = (1, 2, 3, 5, 10, 20, 50, 100)
 UNSEEN, PATH = "#c2410c", "#9467bd"
 """Colours of what no toss has shown, and of where corners began."""
@@ -101,7 +103,8 @@ def learned_geometry(
             raise InputError(f"{name} has {model.n_corners} corners on {model.n_bodies} bodies, given has others")
     scale = exaggeration(given, learned, truth, stages=stages) if factor is None else factor
     steps = np.array([given.corner_pos + scale * (step - given.corner_pos) for step in stages])  # (k, n_c, 3)
-    farthest = max((float(np.linalg.norm(step - given.corner_pos, axis=1).max()) for step in steps), default=0.0)
+    known = np.ones(given.n_corners, dtype=bool) if seen is None or not seen.any() else seen
+    farthest = max((float(np.linalg.norm(step - given.corner_pos, axis=1)[known].max()) for step in steps), default=0.0)
     beyond = np.zeros((0, 3)) if unseen is None else np.reshape(unseen, (-1, 3))
 
     lines = [_shift_line("learned", given, learned)]
@@ -117,13 +120,14 @@ def learned_geometry(
         entries += [(sample(SOURCES[name].color, ls=SOURCES[name].linestyle, lw=1.7), text)]
     entries += [(sample(marker="+", ms=9, mew=1.8), "centre of mass")]
     if len(steps):
-        entries += [(sample(PATH, ls="-", lw=0.9, marker="o", mfc="white", ms=4), "start and path of a corner")]
+        entries += [(sample(PATH, ls="-", lw=0.9, marker="o", mfc="white", ms=4), "start and path")]
     if seen is not None and not seen.all():
         entries += [(sample(UNSEEN, marker="x", ms=7, mew=1.6), "never on the ground")]
     if len(beyond):
-        entries += [(sample(UNSEEN, marker="x", ms=4, mew=0.9), "may reach here: never seen")]
+        entries += [(sample(UNSEEN, marker="x", ms=4, mew=0.9), "may reach here")]
     key_row(figure, entries, y=top - 0.6)
 
+    outside: list[float] = []
     for b in range(n):
         own = given.corner_body == b
         base = given.corner_pos[own]
@@ -131,7 +135,10 @@ def learned_geometry(
         hidden = beyond if b == 0 else beyond[:0]
         room = max(1.35 * SHIFT_SHARE * given.width, farthest)
         middle = 0.5 * (base.min(axis=0) + base.max(axis=0))
-        reach = 1e3 * max(0.5 * np.ptp(base, axis=0).max() + room, 1.1 * np.abs(hidden - middle).max(initial=0.0))
+        reach = 0.5 * np.ptp(base, axis=0).max() + room
+        away = np.abs(hidden - middle).max(axis=1, initial=0.0)
+        reach = 1e3 * max(reach, 1.1 * min(away.max(initial=0.0), FARTHEST_UNSEEN * reach))
+        outside += [float(each) for each in away if 1e3 * each > reach]
         for ax, (name, view, letters) in zip(axes[b], VIEWS, strict=True):
             for source, model in objects.items():
                 corners = view(1e3 * (base + scale * (model.corner_pos[own] - base)))
@@ -150,6 +157,8 @@ def learned_geometry(
             form: dict[str, Any] = {"va": "center", "fontsize": 10, "weight": "bold", "color": MUTED}
             axes[b, 0].annotate(given.body_names[b], (0, 0.5), (-58, 0), **where, **form)
     drawn = f"Shifts are drawn {scale:g} times their size." if scale != 1 else "Shifts are to scale."
+    if outside:
+        drawn += f" It may reach {1e3 * max(outside):.0f} mm from the middle, beyond the picture."
     footnote(figure, f"Body frame. {drawn}")
     return figure
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import io
+import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, ParamSpec
 
@@ -139,9 +140,16 @@ def new_figure(title: str, subtitle: str = "", *, height: float, width: float = 
     return figure
 
 
+def wrapped(text: str, width: float = WIDTH) -> str:
+    """A text in lines that fit into a figure of a width [in], at the smallest size of text."""
+    across = int((width - 0.3) * 72 / (0.58 * SMALL))  # a letter is 0.58 as wide as its size, and most are less
+    return "\n".join(textwrap.fill(line, across) for line in text.splitlines())
+
+
 def footnote(figure: Figure, text: str) -> Text:
-    """A line at the foot of a figure that explains its bars, bands and dots."""
+    """Lines at the foot of a figure that explain its bars, bands and dots."""
     w, h = figure.get_size_inches()
+    text = wrapped(text, w)
     return figure.text(0.15 / w, 0.10 / h, text, va="bottom", fontsize=SMALL, color=MUTED, linespacing=1.3)
 
 

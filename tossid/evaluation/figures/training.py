@@ -23,6 +23,7 @@ from tossid.evaluation.figures.style import (
     number,
     panel_grid,
     styled,
+    wrapped,
 )
 
 if TYPE_CHECKING:
@@ -65,16 +66,19 @@ def training_curves(history: Sequence[EpochRecord], *, title: str = "Training") 
     starts = [i for i, record in enumerate(history) if i == 0 or record.stage != history[i - 1].stage]
     stages = [(history[a].stage, a, b) for a, b in zip(starts, [*starts[1:], len(history)], strict=True)]
 
-    figure = new_figure(title, SUBTITLE, height=6.2)
-    margins = {"left": 1.0, "right": 1.55, "top": 0.98, "bottom": 0.85, "above": 0.5}
+    lowest = [(name, a + int(np.nanargmin(validation[a:b]))) for name, a, b in stages]
+    note = f"Kept: {'; '.join(f'{name} {number(validation[k])} at epoch {k + 1}' for name, k in lowest)}."
+    if unsolved:
+        note += f" Unsolved inner problems: at most {unsolved:g} in an epoch."
+    foot = 0.18 * wrapped(note).count("\n")
+    figure = new_figure(title, SUBTITLE, height=6.2 + foot)
+    margins = {"left": 1.0, "right": 1.55, "top": 0.98, "bottom": 0.85 + foot, "above": 0.5}
     upper, lower = panel_grid(figure, 2, 1, heights=[1.15, 1], **margins)[:, 0]
-    blue, kept = LOOKS["cnrp"].color, []
-    for name, first, last in stages:
+    blue = LOOKS["cnrp"].color
+    for (_, first, last), (_, k) in zip(stages, lowest, strict=True):
         upper.plot(epoch[first:last], train[first:last], color=INK, marker=".", label="training")
         upper.plot(epoch[first:last], validation[first:last], color=blue, marker=".", label="validation")
-        k = first + int(np.nanargmin(validation[first:last]))
         upper.plot(epoch[k], validation[k], "o", ms=10, mfc="none", mec=blue, label="_kept")
-        kept.append(f"{name} {number(validation[k])} at epoch {k + 1}")
     _log_limits(upper, np.concatenate([train, validation]), decades=np.inf)
 
     spare = (color for color, _ in SPARE)
@@ -110,9 +114,6 @@ def training_curves(history: Sequence[EpochRecord], *, title: str = "Training") 
             for name, last in lasts.items()
         ],
     )
-    note = f"Kept: {'; '.join(kept)}."
-    if unsolved:
-        note += f" Unsolved inner problems: at most {unsolved:g} in an epoch."
     footnote(figure, note)
     return figure
 
