@@ -24,7 +24,7 @@ from pipelines.drawing.recording_view import ViewContent, faces_in_view, misplac
 from pipelines.drawing.rerun_file import need_rerun
 from pipelines.drawing.toss_view import in_a_row, toss_content
 from tossid.errors import FileError, InputError
-from tossid.motion import flight_frames
+from tossid.motion import frames_in_flight
 from tossid.objects import ObjectModel, to_mjcf
 from tossid.rotations import geodesic_angle
 from tossid.store import read_dataset
@@ -191,7 +191,7 @@ def test_a_gap_is_shown_with_its_simulators(made: Path, tmp_path: Path) -> None:
     for (predicted,) in seen.predicted.values():
         assert len(predicted.t) == len(measured.t)
         for toss in seen.tosses:
-            flight = (measured.t >= toss.t[0]) & (measured.t <= toss.t[flight_frames(toss, dataset.object) - 1])
+            flight = (measured.t >= toss.t[0]) & (measured.t <= toss.t[frames_in_flight([toss], dataset.object)[0] - 1])
             assert np.linalg.norm(predicted.p[flight] - measured.p[flight], axis=1).max() < 4e-3
     with pytest.raises(FileError, match="no gap report"):
         toss_content(load("view", ViewConfig, [f"gap={made / 'tosses'}"]), Console(quiet=True))
