@@ -34,10 +34,6 @@ if TYPE_CHECKING:
     from tossid.models.protocol import DynamicsModel
 
 
-OTHER_CLOCK = 0.9
-"""Time between frames, over the recorded one, with which a user's simulator is tried: a clock may go wrong by that."""
-
-
 @dataclass(frozen=True)
 class Simulator:
     """A simulator to be diagnosed.
@@ -350,7 +346,7 @@ def with_nearest_contact(
     first = State(np.stack([toss.q[0] for toss in tosses]), np.stack([toss.v[0] for toss in tosses]))
     dt = frame_time(tosses)
     steps = np.array([toss.ticks(dt)[-1] for toss in tosses])
-    _check_clock(world, first, dt, simulator.about)
+    world.check_clock(first, dt, simulator.about)
     how = steps_of(world, settings.likelihood.simulation)
     ready = world.prepared(first, steps, dt, most_lost=settings.checks.most_lost, **how)
     if ready.by_frame:
@@ -360,39 +356,6 @@ def with_nearest_contact(
         "velocities, or returns other velocities than its own. Effects are added to its whole motions, which is exact "
         "in flight, and poor in contact."
     ]
-
-
-SLOWEST = 0.2
-"""Speed of a first state from which on one frame shows how far an object moves [m/s]."""
-
-
-def _check_clock(world: UsersWorld, first: State, dt: float, about: str) -> None:
-    """Refuse a user's simulator that does not take the time between frames as it is given.
-
-    It may round it to time steps of its own: to none, where these are longer. Effects of the clock ask for other times.
-
-    Args:
-        world: The simulator's.
-        first: States at which tosses begin, in flight.
-        dt: Between frames [s].
-        about: The simulator in words.
-
-    Raises:
-        InputError: In one frame, half of the tosses move less than half as far as their velocity says, or twice as far.
-    """
-    assert world.motions is not None
-    speed = np.linalg.norm(first.v[:, :3], axis=1)
-    fast = speed > SLOWEST
-    if not fast.any():
-        return
-    for between in (dt, OTHER_CLOCK * dt):
-        moved = np.linalg.norm(world.motions.next(first, between).q[:, :3] - first.q[:, :3], axis=1)
-        share = float(np.median(moved[fast] / (between * speed[fast])))
-        if not 0.5 < share < 2.0:
-            raise InputError(
-                f"{about}: in one frame of dt = {between:.3g} s it moves the object {share:.2g} times as far as its "
-                "velocity says; does it round dt to time steps of its own? They must divide whatever dt it is given"
-            )
 
 
 def moves(toss: Toss, settings: CheckSettings = CheckSettings()) -> bool:

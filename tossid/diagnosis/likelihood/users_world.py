@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from tossid.diagnosis.likelihood.nearest_contact import frames_of, nearest_contact
 from tossid.diagnosis.likelihood.simulator_process import SimulatorProcess
 from tossid.diagnosis.likelihood.step_changes import Contact, State, StepChanges
+from tossid.errors import InputError
 from tossid.objects import corner_heights
 from tossid.physics.effects import World
 
@@ -38,6 +39,10 @@ _AT_REST, _QUIET = 3e-4, 4
 """Speed [m/s] below which a motion that is changed frame by frame is at rest after so many frames, and stays there."""
 _AWAY, _SAME = np.array([0.37, -0.21, 0.0]), 1e-7
 """A way along the ground [m], and a difference [m, rad, m/s, rad/s] below which a frame is the same after it."""
+_SLOWEST = 0.2
+"""Speed of a first state from which on one frame shows how far an object moves [m/s]."""
+_OTHER_CLOCK = 0.9
+"""Time between frames, over the recorded one, with which a simulator is tried: a clock may be wrong by that."""
 _FARTHEST = 1e3
 """[m], [m/s] or [rad/s] beyond which a motion has diverged."""
 
@@ -162,6 +167,33 @@ class UsersWorld(World):
         if not frames.lost <= most_lost:
             return replace(self, by_frame=False, level=level)
         return replace(self, contact=nearest_contact(frames, self.stated, dt, **how), level=level)
+
+    def check_clock(self, first: State, dt: float, about: str) -> None:
+        """Refuse a user's simulator that does not take the time between frames as it is given.
+
+        It may round it to time steps of its own: to none, where these are longer. Effects of the clock ask for other
+        times.
+
+        Args:
+            first: States at which tosses begin, in flight.
+            dt: Between frames [s].
+            about: The simulator in words.
+
+        Raises:
+            InputError: In one frame, half of the tosses move less than half as far as their velocity says, or twice as
+                far.
+        """
+        assert self.motions is not None
+        speed = np.linalg.norm(first.v[:, :3], axis=1)
+        fast = speed > _SLOWEST
+        for between in (dt, _OTHER_CLOCK * dt) if fast.any() else ():
+            moved = np.linalg.norm(self.motions.next(first, between).q[:, :3] - first.q[:, :3], axis=1)
+            share = float(np.median(moved[fast] / (between * speed[fast])))
+            if not 0.5 < share < 2.0:
+                raise InputError(
+                    f"{about}: in one frame of dt = {between:.3g} s it moves the object {share:.2g} times as far as "
+                    "its velocity says; does it round dt to time steps of its own? They must divide whatever dt it gets"
+                )
 
     @property
     def same_everywhere(self) -> bool:
