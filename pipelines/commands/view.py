@@ -20,6 +20,7 @@ from pipelines.drawing.recording_view import (
     misplaced,
     moments_of,
     recording_content,
+    thinned,
 )
 from pipelines.drawing.toss_view import toss_content
 from tossid.errors import ConfigError, InputError
@@ -65,6 +66,10 @@ def run(config: ViewConfig, console: Console) -> dict[str, Any]:
         result["sheet"] = str(config.sheet)
         console.say(f"wrote {config.sheet}")
     if wants_file:
+        if config.every is None:
+            content, every = thinned(content)
+            if every > 1:
+                console.say(f"images of each {every}th frame; every=1 takes all")
         out = config.out or FOLDER / f"{content.name}.rrd"
         with output_file(out) as temporary:
             result["n_images"] = write_rerun(content, temporary, magnify=config.magnify, console=console)

@@ -75,6 +75,15 @@ class Moving:
         return q[:3], q[3:]
 
 
+MOST_BYTES = 11e6
+"""Of a Rerun file's images, where no key says how many there are."""
+STORED = (".jpg", ".jpeg", ".png")
+"""Files of images that a Rerun file takes as they are."""
+JPEG_BYTES = 0.08
+"""Of a pixel, in a frame of a film or a bag, which is stored as JPEG: 0.079 of a frame of the demo."""
+SAMPLED = 20
+
+
 @dataclass(frozen=True, eq=False)
 class ViewContent:
     """What a viewer displays.
@@ -128,7 +137,7 @@ def recording_content(config: ViewConfig, console: Console) -> ViewContent:
     late = {camera.name: camera.clock_offset - given.get(camera.name, 0.0) for camera in cameras}
     detections = tuple(replace(d, t=d.t - late[d.camera]) for d in detections)
     part = {name: piece for name, track in tracks.items() if (piece := _between(track, first, last)) is not None}
-    frames = _frames(opened.recording, late, first, last, config.every) if opened.recording is not None else None
+    frames = _frames(opened.recording, late, first, last, config.every or 1) if opened.recording is not None else None
     seen = tuple(d for d in detections if first <= d.t <= last)
     moving = moving_bodies(part, layout, opened.model)
     tosses = _tosses(tracks, opened.model, console)
@@ -194,6 +203,24 @@ def _frames(
         shifted = [replace(file, t_ns=file.t_ns - round(late[name] * 1e9)) for file in files]
         found[name] = [file for file in shifted if first <= file.t_ns * 1e-9 <= last][::every]
     return found
+
+
+def thinned(content: ViewContent) -> tuple[ViewContent, int]:
+    """A recording with each so many-th frame that its images take no more than `MOST_BYTES`, and how many that is.
+
+    Args:
+        content: Of a recording.
+    """
+    if content.frames is None:
+        return content, 1
+    total = 0.0
+    for camera in content.cameras:
+        files = content.frames[camera.name]
+        some = files[:: max(1, len(files) // SAMPLED)]
+        own = [file.path.stat().st_size for file in some if file.path.suffix.lower() in STORED]
+        total += len(files) * (float(np.mean(own)) if own else JPEG_BYTES * float(np.prod(camera.resolution)))
+    every = max(1, int(np.ceil(total / MOST_BYTES)))
+    return replace(content, frames={name: files[::every] for name, files in content.frames.items()}), every
 
 
 def moving_bodies(

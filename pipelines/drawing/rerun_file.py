@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from pipelines.cli.console import Console
 from pipelines.drawing.recording_view import (
     SINCE_1970,
+    STORED,
     Moving,
     ViewContent,
     faces_in_view,
@@ -267,7 +268,7 @@ def _media(file: FrameFile) -> str:
 
 def _encoded(content: ViewContent, file: FrameFile) -> bytes:
     """A frame as it lies on the disk, or as JPEG where it is in a video, a bag or another format."""
-    if file.path.suffix.lower() in (".jpg", ".jpeg", ".png"):
+    if file.path.suffix.lower() in STORED:
         return file.path.read_bytes()
     assert content.recording is not None
     _, encoded = cv2.imencode(".jpg", content.recording.read(file).image, [cv2.IMWRITE_JPEG_QUALITY, 85])

@@ -39,8 +39,8 @@ class ViewConfig:
     """skip so much at the beginning [s]"""
     seconds: Positive | None
     """show so much from there [s]; null: all"""
-    every: Count
-    """each so many-th frame's image"""
+    every: Count | None
+    """each so many-th frame's image; null: as many as a Rerun file of some 15 MB has room for"""
     moments: Annotated[int, Bounds(low=1, high=40)]
     """columns of the contact sheet"""
     magnify: Positive

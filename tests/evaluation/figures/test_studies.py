@@ -9,7 +9,7 @@ import pytest
 
 from tests.evaluation.figures.reading import assert_legible, bars, line, lines, titled, words
 from tossid.errors import InputError
-from tossid.evaluation.figures import costs_of_size, data_efficiency, gravity_sweep, inertia_study
+from tossid.evaluation.figures import data_efficiency, gravity_sweep, inertia_study
 from tossid.evaluation.figures.studies import models_in, pool, value_of
 
 REPAIR = {"cn": 1.0, "cnrp": 0.05, "cnrpi": 0.0}
@@ -167,20 +167,3 @@ def test_one_offset_is_drawn_over_the_scales() -> None:
     assert lower.get_xlabel() == "start: inertia / true inertia [1]"
     np.testing.assert_allclose(line(lower, "learned").get_data(), [[0.25, 1, 4], [0.1, 0.2, 0.3]])
     np.testing.assert_allclose(line(lower, "start").get_ydata(), 10.0)
-
-
-def test_every_command_has_a_line_of_seconds_and_one_of_memory() -> None:
-    panels = {
-        "tosses [count]": {
-            "train": [(10.0, 20.0, 0.7), (1000.0, 200.0, 1.7)],
-            "ingest": [(10.0, 4.0, 0.3), (1000.0, 24.0, 0.3)],
-        },
-        "film [min]": {"ingest film": [(1.0, 72.0, 0.6), (60.0, 3600.0, 0.6)]},
-    }
-    figure = costs_of_size(panels)
-    assert_legible(figure)
-    for column, commands in enumerate(panels.values()):
-        for row in (0, 1):
-            for name, costs in commands.items():
-                drawn = line(figure.axes[row * len(panels) + column], name)
-                np.testing.assert_allclose(drawn.get_ydata(), [cost[row + 1] for cost in costs])

@@ -55,6 +55,8 @@ def test_every_toss_is_a_dot_and_intervals_are_those_of_the_metrics() -> None:
     assert {"demo_017", "demo_056"} <= set(texts)
     assert "demo_000" not in texts
     assert_legible(figure)
+    (one,) = titled(errors_over_tosses({"cn": scores(1, seed=0)}, ["a"]), "Position").get_xticklabels()
+    assert "[" not in one.get_text(), "one toss has no interval"
     same = Errors(np.full(9, 5.0), np.full(9, 5.0))
     dots = line(titled(errors_over_tosses({"cn": same}, list("abcdefghi")), "Position"), "cn")
     assert len(np.unique(dots.get_xdata())) == 9, "dots of equal errors lie side by side"

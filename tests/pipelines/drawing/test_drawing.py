@@ -19,8 +19,9 @@ from pipelines.cli.console import Console
 from pipelines.commands.view import happening
 from pipelines.config.compose import load
 from pipelines.config.schemas import ViewConfig
+from pipelines.drawing import recording_view
 from pipelines.drawing.figures import stages_of, write_figures
-from pipelines.drawing.recording_view import ViewContent, faces_in_view, misplaced, recording_content
+from pipelines.drawing.recording_view import ViewContent, faces_in_view, misplaced, recording_content, thinned
 from pipelines.drawing.rerun_file import need_rerun
 from pipelines.drawing.toss_view import in_a_row, toss_content
 from tossid.errors import FileError, InputError
@@ -100,6 +101,20 @@ def test_stages_files_are_shown_where_there_are_some(
     (tmp_path / "film" / "cameras.yaml").touch()  # a newer recording of the same name: its stages are not there yet
     with pytest.raises(TypeError, match="NoneType"):
         recording_content(load("view", ViewConfig, ["recording=film"]), Console(quiet=True))
+
+
+def test_images_are_thinned_until_they_fit(content: ViewContent, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert content.frames is not None
+    count = sum(map(len, content.frames.values()))
+    whole = sum(file.path.stat().st_size for files in content.frames.values() for file in files)
+    assert thinned(content)[1] == 1
+    monkeypatch.setattr(recording_view, "MOST_BYTES", whole / 3.5)
+    fewer, every = thinned(content)
+    assert every == 4
+    assert fewer.frames is not None
+    left = sum(file.path.stat().st_size for files in fewer.frames.values() for file in files)
+    assert left < 1.1 * whole / 3.5
+    assert sum(map(len, fewer.frames.values())) == pytest.approx(count / 4, abs=2)
 
 
 def test_the_module_imports_without_rerun_and_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:

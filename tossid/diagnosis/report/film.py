@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from tossid.diagnosis.result import Diagnosis
-from tossid.evaluation.figures.wireframe import View, Wireframe, posed, view_from, wireframe
+from tossid.evaluation.figures.wireframe import View, Wireframe, posed, view_from, wireframes
 from tossid.objects import ObjectModel
 
 Array = NDArray[np.float64]
@@ -124,9 +124,7 @@ class _Stage:
         def place(x: Array) -> Array:
             return (view(x) - middle) * [scale, -scale] + np.array([WIDTH, height]) / 2
 
-        drawn = model.drawn
-        wires = tuple(wireframe(drawn.corner_pos[drawn.corner_body == b]) for b in range(model.n_bodies))
-        return _Stage(model, wires, view, place, height, _ground(points["measured"], place))
+        return _Stage(model, tuple(wireframes(model)), view, place, height, _ground(points["measured"], place))
 
     def picture(self, motions: dict[str, Array], frames: Sequence[int] | NDArray[np.int64], timing: str = "") -> str:
         """The ground, the paths of the object's frame, and its bodies at some frames, one after the other.

@@ -6,7 +6,7 @@ as they were. `figure.savefig(path)` writes them at 150 dpi.
 
 from tossid.evaluation.figures.films import hull_film, save_film, toss_film
 from tossid.evaluation.figures.geometry import geometry_at_angles, learned_geometry
-from tossid.evaluation.figures.studies import costs_of_size, data_efficiency, gravity_sweep, inertia_study
+from tossid.evaluation.figures.studies import data_efficiency, gravity_sweep, inertia_study
 from tossid.evaluation.figures.toss import residual_over_toss, toss_comparison
 from tossid.evaluation.figures.tosses import (
     ErrorsAlong,
@@ -38,5 +38,4 @@ __all__ = [
     "gravity_sweep",
     "data_efficiency",
     "inertia_study",
-    "costs_of_size",
 ]

@@ -14,7 +14,7 @@ from PIL import Image
 from tossid.errors import InputError
 from tossid.evaluation.figures.geometry import UNSEEN
 from tossid.evaluation.figures.style import GRID, INK, LOOKS, MUTED, look
-from tossid.evaluation.figures.wireframe import View, Wireframe, posed, view_from, wireframe
+from tossid.evaluation.figures.wireframe import View, Wireframe, posed, view_from, wireframe, wireframes
 from tossid.objects import ObjectModel, corner_heights, corner_positions
 from tossid.objects.half_spaces import different, half_spaces, hull_in_box
 from tossid.objects.polytope import CONTACT_GAP
@@ -61,8 +61,7 @@ def toss_film(toss: Toss, predicted: Rollout, model: ObjectModel, *, name: str) 
     place = _placed(view, 0.5 * (low + high), 0.88 * min(np.array([WIDTH, HEIGHT]) / (high - low)))
     ground = _picture()
     _draw_ground(ground, place, both)
-    drawn = model.drawn
-    edges = [wireframe(drawn.corner_pos[drawn.corner_body == b]) for b in range(model.n_bodies)]
+    edges = wireframes(model)
     frames = []
     for k in range(0, len(toss), STRIDE):
         image = ground.copy()

@@ -1,4 +1,4 @@
-"""Studies: metrics over the given gravity or the number of tosses, starts of the inertia, and what size costs."""
+"""Studies: metrics over the given gravity or the number of tosses, and starts of the inertia."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
+from matplotlib.ticker import FixedLocator, NullLocator
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
@@ -353,36 +353,3 @@ def _starts(
     failed = int((~np.isfinite(errors[:, 1])).sum())
     if failed:
         halo(ax.text(0.98, 0.97, f"no result: {failed}", transform=ax.transAxes, ha="right", va="top", fontsize=SMALL))
-
-
-LEAST_GIB = 0.125
-"""Where the axis of memory begins [GiB]."""
-
-
-@styled
-def costs_of_size(panels: Mapping[str, Mapping[str, Sequence[tuple[float, float, float]]]]) -> Figure:
-    """CPU time above memory, a column for each kind of size; all axes are logarithmic, so a slope of one is linear.
-
-    Args:
-        panels: By the name of the size's axis: by command, its size, CPU time [s] and memory [GiB], in order of size.
-    """
-    subtitle = "each command in a process of its own; its largest process's memory"
-    figure = new_figure("What size costs", subtitle, height=6.4)
-    axes = panel_grid(figure, 2, len(panels), left=0.85, between=1.0)
-    for column, (title, commands) in zip(axes.T, panels.items(), strict=True):
-        for row, (ax, unit) in enumerate(zip(column, ("CPU time [s]", "memory [GiB]"), strict=True)):
-            for style, (name, costs) in zip(LOOKS.values(), commands.items(), strict=False):
-                ax.plot([c[0] for c in costs], [c[row + 1] for c in costs], "o-", color=style.color, label=name)
-            ax.set(xscale="log", yscale="log", xlabel=title, ylabel=unit)
-            ax.set_xticks(sorted({c[0] for costs in commands.values() for c in costs}))
-            top = max(c[row + 1] for costs in commands.values() for c in costs)
-            if row == 0:
-                ax.set_ylim(top=50 * top)
-                ax.legend(ncols=2)
-            else:
-                ax.set_ylim(LEAST_GIB, 1.5 * max(top, 1.0))
-                ax.set_yticks([2.0**k for k in range(-3, 8) if LEAST_GIB <= 2.0**k <= 1.5 * max(top, 1.0)])
-            for axis in (ax.xaxis, ax.yaxis):
-                axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-                axis.set_minor_formatter(NullFormatter())
-    return figure

@@ -34,7 +34,7 @@ from tossid.evaluation.figures.style import (
     sample,
     styled,
 )
-from tossid.evaluation.figures.wireframe import posed, view_from, wireframe
+from tossid.evaluation.figures.wireframe import posed, view_from, wireframes
 from tossid.objects import GRAVITY, ObjectModel, center_positions
 from tossid.rotations import geodesic_angle
 from tossid.types import Phase, Rollout, Toss
@@ -163,8 +163,7 @@ def _film_strip(
 ) -> None:
     """One window a pose: the measured object filled, predictions as outlines, the ground as a line."""
     view = view_from(np.arctan2(heading[1], heading[0]) - 0.5 * np.pi, 0.0)  # the throw goes to the right
-    drawn = model.drawn
-    frames_of = [wireframe(drawn.corner_pos[drawn.corner_body == b]) for b in range(model.n_bodies)]
+    frames_of = wireframes(model)
     width, height = axes_inches(axes[0])
     top = max(view(np.concatenate([c for c, _ in posed(model, toss.q[k])]))[:, 1].max() for k in frames)
     wide = max(max(1.08 * top, 1.5 * model.width) * width / height, 1.9 * model.width)

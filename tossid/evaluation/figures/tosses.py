@@ -114,7 +114,8 @@ def _strips(ax: Axes, values: Mapping[str, Array], names: Sequence[str], quantit
         form: dict[str, Any] = {"color": style.color, "marker": "D", "ms": 6, "capsize": 4, "elinewidth": 2}
         ends = [[max(mean - low, 0)], [max(high - mean, 0)]]
         ax.errorbar(i - 0.24, mean, yerr=ends, zorder=5, label=f"{name} mean", **form)
-        ticks.append(f"{style.label}\n{number(mean)} [{number(low)}, {number(high)}]")
+        ends_words = f" [{number(low)}, {number(high)}]" if low < high else ""  # one toss has no interval
+        ticks.append(f"{style.label}\n{number(mean)}{ends_words}")
         of_finite = [n for n, finite in zip(names, np.isfinite(values[name]), strict=True) if finite]
         _name_outliers(ax, i, x, v, of_finite, style.color)
     ax.set_xticks(range(len(values)), ticks)

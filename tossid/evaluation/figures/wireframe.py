@@ -58,6 +58,12 @@ def wireframe(corners: Array) -> Wireframe:
     return Wireframe(np.array(list(sharp), dtype=np.int64), normals)
 
 
+def wireframes(model: ObjectModel) -> list[Wireframe]:
+    """The wireframe of each body of an object, as it is drawn."""
+    drawn = model.drawn
+    return [wireframe(drawn.corner_pos[drawn.corner_body == b]) for b in range(model.n_bodies)]
+
+
 @dataclass(frozen=True)
 class View:
     """An orthographic view: called with points (..., 3), it gives their places on paper (..., 2), right and up.
