@@ -24,7 +24,7 @@ from tossid.kernels import by_type, fused_kernel, implements, kernel
 SOURCES = {
     "_inner": """
 from tossid.kernels import kernel
-@kernel
+@kernel(from_python=False)
 def inner(x):
     return x + 1.0
 """,

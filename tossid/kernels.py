@@ -13,20 +13,27 @@ compiled first, so that the last digits would depend on what ran before.
 from __future__ import annotations
 
 import fcntl
+import inspect
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache, partial, wraps
 from typing import Any
 
 import numba
 import numpy as np
+from llvmlite import binding as llvm
 from numba import types
 from numba.core.caching import FunctionCache
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.compiler_machinery import LoweringPass, register_pass
+from numba.core.typed_passes import AnnotateTypes
 from numba.extending import overload
 
-from tossid.code_digest import all_modules, digest_of_modules, imported_modules, modification_time
+from tossid.code_digest import all_modules, digest_of_modules, imported_modules, modification_time, note_registered
+from tossid.errors import InputError
 
 REORDERED = frozenset({"contract", "reassoc", "arcp", "nsz"})
 """Flags of `fastmath` for sums over many pixels: their order is free, and a division may be a product."""
@@ -58,7 +65,7 @@ def kernel(
         allocates: whether the function may make arrays. One that makes none is compiled without counting references:
             to take an array out of a NamedTuple then costs nothing, instead of 10 to 20 ns. What it calls is its own.
         inlined: whether the function becomes part of whatever calls it; for short ones, called in inner loops.
-        from_python: whether Python may call the function; if only kernels call it, less has to be compiled.
+        from_python: whether Python may call the function; if only kernels call it, it is optimised as part of these.
 
     Returns:
         The compiled function, or the decorator if no function is given.
@@ -79,11 +86,16 @@ def kernel(
 def _options(*, fastmath: frozenset[str], allocates: bool, inlined: bool, from_python: bool) -> Any:
     """Numba's options for one function, as `kernel` explains them."""
     options = {"error_model": "numpy", "fastmath": set(fastmath), "_nrt": allocates, "forceinline": inlined}
-    return options if from_python else options | {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    if from_python:
+        return options
+    return options | {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _PartCompiler}
 
 
 fused_kernel = kernel(fastmath=FUSED)
 """The same, with products and sums rounded once together."""
+
+fused_part_kernel = kernel(fastmath=FUSED, from_python=False)
+"""The same, for other kernels only."""
 
 lean_kernel = kernel(allocates=False, from_python=False)
 """One that makes no arrays, for other kernels."""
@@ -91,10 +103,10 @@ lean_kernel = kernel(allocates=False, from_python=False)
 fused_lean_kernel = kernel(fastmath=FUSED, allocates=False, from_python=False)
 """The same, with products and sums rounded once together."""
 
-inlined_kernel = kernel(allocates=False, inlined=True, keep=False, from_python=False)
+inlined_kernel = kernel(allocates=False, inlined=True, from_python=False)
 """A short one that makes no arrays, and becomes part of whatever calls it."""
 
-fused_inlined_kernel = kernel(fastmath=FUSED, allocates=False, inlined=True, keep=False, from_python=False)
+fused_inlined_kernel = kernel(fastmath=FUSED, allocates=False, inlined=True, from_python=False)
 """The same, with products and sums rounded once together."""
 
 
@@ -147,6 +159,82 @@ def implemented(stub: Callable[..., Any]) -> list[type]:
         stub: a function declared with `by_type`.
     """
     return list(_IMPLEMENTATIONS[stub])
+
+
+class _Part(JITCodeLibrary):
+    """Code that only kernels call: it is optimised, and turned into machine code, as part of what Python calls.
+
+    Numba does both for every function, each with all that it calls: for the innermost of a dozen a dozen times.
+    """
+
+    def _optimize_final_module(self) -> None:
+        return
+
+    def _finalize_final_module(self) -> None:
+        code = self._final_module
+        for function in code.functions:
+            if not function.is_declaration and function.linkage == llvm.Linkage.external:
+                function.linkage = llvm.Linkage.linkonce_odr  # as Numba marks what others link in
+        self._finalize_dynamic_globals()
+        self._shared_module = code
+        # machine code of nothing but the function's environment, whose address Numba asks for
+        own = [str(each) for each in code.global_variables if each.linkage == llvm.Linkage.common]
+        empty = str(self._codegen._create_empty_module(self.name))
+        self._final_module = llvm.parse_assembly("\n".join([empty, *own]))
+        super()._finalize_final_module()
+
+
+@register_pass(mutates_CFG=False, analysis_only=True)
+class _AsPart(LoweringPass):
+    """Numba's step that chooses what a function's code is kept in."""
+
+    _name = "as_part"
+
+    def __init__(self) -> None:
+        super().__init__()
+
+    def run_pass(self, state: Any) -> bool:
+        codegen = state.targetctx.codegen()
+        state.library = _Part(codegen, state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        return False
+
+
+class _PartCompiler(CompilerBase):
+    """Numba's compiler with that step."""
+
+    def define_pipelines(self) -> Any:
+        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.add_pass_after(_AsPart, AnnotateTypes)
+        passes.finalize()
+        return [passes]
+
+
+def register_implementation(
+    stub: Callable[..., Any], kind: type, function: Callable[..., Any], arguments: Sequence[str], what: str
+) -> None:
+    """Note a user's function for a NamedTuple class, before it becomes the class's implementation of `stub`.
+
+    Args:
+        stub: a function declared with `by_type`.
+        kind: the class.
+        function: the user's.
+        arguments: names of what it is to take.
+        what: what the function is called in messages, such as "contact solver".
+
+    Raises:
+        InputError: the class is no NamedTuple class or has such a function already, or it takes other arguments.
+    """
+    if not (isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields")):
+        raise InputError(f"a {what} was registered for {kind!r}, expected a NamedTuple class of its numbers")
+    if kind in implemented(stub):
+        raise InputError(f"{kind.__name__} has a {what} already; register a class of another name")
+    taken = list(inspect.signature(getattr(function, "py_func", function)).parameters)
+    if len(taken) != len(arguments):
+        raise InputError(
+            f"the {what} {function.__name__} takes ({', '.join(taken)}), expected ({', '.join(arguments)})"
+        )
+    note_registered(stub.__module__, kind, function)
 
 
 @cache

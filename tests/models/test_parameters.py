@@ -118,3 +118,13 @@ def test_a_k_res_without_a_gravity_of_its_own_has_it_in_its_linear_part() -> Non
     features[0, 2] = features[0, n_features(0)] = features[0, n_features(0) + 4] = features[0, n_features(0) + 6] = 1.0
     for net in (body, world):
         np.testing.assert_allclose(net(features).detach().numpy()[0, :3], [0.0, 0.0, -5.0], atol=1e-12)
+
+
+def test_a_friction_stated_as_none_is_kept_or_can_be_learned(cube: ObjectModel) -> None:
+    smooth = cube.with_changes(friction=0.0)
+    assert float(Friction(smooth, learn=False)()) == 0.0
+    friction = Friction(smooth, learn=True)
+    friction().backward()
+    assert 0 < float(friction().detach()) <= 0.01
+    assert friction.log_mu.grad is not None
+    assert float(friction.log_mu.grad) > 0

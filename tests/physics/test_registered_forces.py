@@ -149,7 +149,7 @@ def test_what_is_no_registered_force_is_refused(cube: ObjectModel) -> None:
     with pytest.raises(InputError, match=r"Unknown\(x=1.0\) is no registered force"):
         World(cube).with_force(Unknown(1.0)).system()
     with pytest.raises(InputError, match="expected a NamedTuple class"):
-        register_force(float)
+        register_force(float)(lift)
     with pytest.raises(InputError, match="Lift has a force already"):
         register_force(Lift)(lift)
     with pytest.raises(InputError, match=r"takes \(force, position\), expected \(force, position, velocity, spin\)"):

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from tossid.objects import GRAVITY, ObjectModel
-from tossid.physics import N_WORLD, LearnedAcceleration, n_features
-from tossid.physics.network import to_base
+from tossid.physics import N_WORLD, LearnedAcceleration, learned_accelerations, n_features
 
 torch_double = torch.float64
 
@@ -56,14 +55,14 @@ class Friction(nn.Module):
     """One Coulomb coefficient, kept positive by its logarithm.
 
     Args:
-        model: The object whose friction is the start.
+        model: The object whose friction is the start; one that is learned starts at `LEAST_FRICTION` or above.
         learn: False keeps it fixed.
     """
 
     def __init__(self, model: ObjectModel, *, learn: bool) -> None:
         super().__init__()
-        log_mu = torch.tensor(float(np.log(model.friction)), dtype=torch_double)
-        self.log_mu = nn.Parameter(log_mu, requires_grad=learn)
+        mu = max(model.friction, LEAST_FRICTION) if learn else model.friction
+        self.log_mu = nn.Parameter(torch.tensor(mu, dtype=torch_double).log(), requires_grad=learn)
 
     def forward(self) -> Tensor:
         """() dimensionless."""
@@ -76,7 +75,7 @@ class Friction(nn.Module):
             mu: Above zero.
         """
         with torch.no_grad():
-            self.log_mu.fill_(float(np.log(mu)))
+            self.log_mu.fill_(log(mu))
 
 
 class ContactLaw(nn.Module):
@@ -212,14 +211,8 @@ class LearnedAccelerationNet(nn.Module):
 
     def without_vertical(self, features: Tensor) -> Tensor:
         """The same without its uniform vertical part."""
-        k_res, nv = self._numbers(vertical=False), len(self.linear)
-        f = features[:, : self.n_inputs].contiguous()  # products of strided rows round otherwise
-        hidden = torch.tanh(torch.tanh(f @ k_res.W0.T + k_res.b0) @ k_res.W1.T + k_res.b1)
-        found = f @ k_res.linear.T + hidden @ k_res.W2.T
-        if not self.world:
-            return found
-        field = to_base(features, found[:, nv:], self.n_joints)
-        return torch.cat([found[:, :3] + field, found[:, 3:nv]], dim=-1)
+        found: Tensor = learned_accelerations(self._numbers(vertical=False), features, len(self.linear), of=torch)
+        return found
 
     def uniform_vertical(self) -> float:
         """The uniform vertical acceleration, up positive [m/s²], that of the linear part included."""
@@ -248,6 +241,9 @@ class LearnedAccelerationNet(nn.Module):
         parts: Any = (linear, self.W0, self.b0, self.W1, self.b1, SCALE * self.W2)
         return LearnedAcceleration(*parts)
 
+
+LEAST_FRICTION = 0.01
+"""Where a learned friction starts if less is stated: no share of 0 is another friction."""
 
 HEADING = 6
 """Features of the world before those that its linear part takes."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tossid.kernels import implements, inlined_kernel
 from tossid.physics import moving
-from tossid.physics.contact.rounds import Shape, bulge, is_round, lowest_offset
+from tossid.physics.contact.rounds import Rounds, bulge, is_round, lowest_offset
 from tossid.physics.forces import (
     SPIN,
     Forces,
@@ -49,7 +49,7 @@ class Body(NamedTuple):
         rests: whether a toss may end early, where the object has come to rest.
         forces: of the state.
         registered: the user's own force.
-        shape: what stands at the corners.
+        rounds: what stands at the corners.
     """
 
     mass: float
@@ -68,7 +68,7 @@ class Body(NamedTuple):
     rests: bool
     forces: Forces
     registered: RegisteredForce
-    shape: Shape
+    rounds: Rounds
 
     def make_work(self) -> BodyWork:
         """Scratch of the time-stepping kernel for this body."""
@@ -127,7 +127,7 @@ def make_body(system: System) -> Body | None:
         rests=True,
         forces=forces,
         registered=system.registered,
-        shape=system.shape,
+        rounds=system.rounds,
     )
 
 
@@ -225,8 +225,8 @@ def _common_velocity(model, work, xi, first):  # type: ignore[no-untyped-def]
 @implements(moving.corner_place, Body)
 def _corner_place(model, work, s, c):  # type: ignore[no-untyped-def]
     pos = model.corner_pos
-    if is_round(model.shape):
-        o0, o1, o2 = lowest_offset(model.shape, c, s.R[2, 0], s.R[2, 1], s.R[2, 2])
+    if is_round(model.rounds):
+        o0, o1, o2 = lowest_offset(model.rounds, c, s.R[2, 0], s.R[2, 1], s.R[2, 2])
         return pos[c, 0] + o0, pos[c, 1] + o1, pos[c, 2] + o2
     return pos[c, 0], pos[c, 1], pos[c, 2]
 
@@ -271,6 +271,6 @@ def _turning(model, work, s, corners, c, k):  # type: ignore[no-untyped-def]
     along = w[0] * r[c, 0] + w[1] * r[c, 1] + w[2] * r[c, 2]
     squared, up = w[0] * w[0] + w[1] * w[1] + w[2] * w[2], R[i, 0] * w[0] + R[i, 1] * w[1] + R[i, 2] * w[2]
     turn = along * up - squared * (R[i, 0] * r[c, 0] + R[i, 1] * r[c, 1] + R[i, 2] * r[c, 2])
-    if is_round(model.shape) and k == 0:
-        turn -= bulge(model.shape, c, R[2, 0], R[2, 1], R[2, 2], w[0], w[1], w[2])
+    if is_round(model.rounds) and k == 0:
+        turn -= bulge(model.rounds, c, R[2, 0], R[2, 1], R[2, 2], w[0], w[1], w[2])
     return turn

@@ -26,7 +26,7 @@ from tossid.physics.articulated import (
 )
 from tossid.physics.body import rounded_corner_centres
 from tossid.physics.cholesky import back_substitute
-from tossid.physics.contact.rounds import Shape, bulge, is_round, lowest_offset
+from tossid.physics.contact.rounds import Rounds, bulge, is_round, lowest_offset
 from tossid.physics.forces import Forces
 from tossid.physics.pulls import Joints, add_forces, joint_torques, resist_joints
 from tossid.physics.registered_forces import RegisteredForce, acts
@@ -56,7 +56,7 @@ class Links(NamedTuple):
         forced: whether `forces` acts.
         forces: of the state.
         registered: the user's own force.
-        shape: what stands at the corners.
+        rounds: what stands at the corners.
     """
 
     tree: Articulated
@@ -74,7 +74,7 @@ class Links(NamedTuple):
     forced: bool
     forces: Forces
     registered: RegisteredForce
-    shape: Shape
+    rounds: Rounds
 
     def make_work(self) -> LinksWork:
         """Scratch of the time-stepping kernel for this tree."""
@@ -139,7 +139,7 @@ def make_links(system: System) -> Links:
         forced=forces.acts or acts(system.registered),
         forces=forces,
         registered=system.registered,
-        shape=system.shape,
+        rounds=system.rounds,
     )
 
 
@@ -188,8 +188,8 @@ def _common_velocity(model, work, xi, first):  # type: ignore[no-untyped-def]
 def _corner_place(model, work, s, c):  # type: ignore[no-untyped-def]
     b, pos, P = model.corner_body[c], model.corner_pos, work.P
     x0, x1, x2 = pos[c, 0], pos[c, 1], pos[c, 2]
-    if is_round(model.shape):
-        o0, o1, o2 = lowest_offset(model.shape, c, *_vertical(work.E, b, s.R))
+    if is_round(model.rounds):
+        o0, o1, o2 = lowest_offset(model.rounds, c, *_vertical(work.E, b, s.R))
         x0, x1, x2 = x0 + o0, x1 + o1, x2 + o2
     r0, r1, r2 = articulated.rotated(work.E, b, x0, x1, x2)
     return P[b, X] + r0, P[b, X + 1] + r1, P[b, X + 2] + r2
@@ -247,8 +247,8 @@ def _turning(model, work, s, corners, c, k):  # type: ignore[no-untyped-def]
         r0, r1, r2,
     )  # fmt: skip
     turn = R[i, 0] * (P[b, ACCEL] + s0) + R[i, 1] * (P[b, ACCEL + 1] + s1) + R[i, 2] * (P[b, ACCEL + 2] + s2)
-    if is_round(model.shape) and k == 0:
+    if is_round(model.rounds) and k == 0:
         u0, u1, u2 = _vertical(work.E, b, R)
         w0, w1, w2 = _in_body(work.E, b, P[b, SPIN], P[b, SPIN + 1], P[b, SPIN + 2])
-        turn -= bulge(model.shape, c, u0, u1, u2, w0, w1, w2)
+        turn -= bulge(model.rounds, c, u0, u1, u2, w0, w1, w2)
     return turn

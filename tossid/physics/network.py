@@ -7,7 +7,8 @@ instructions. The hyperbolic tangent is written out for the same reason: `math.t
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from types import ModuleType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,31 +132,24 @@ def features(q: Array, v: Array, R: Array) -> Array:
     return np.concatenate([*body, R[:, 0], R[:, 1], np.ones((len(q), 1)), q[:, :3], v[:, :3]], axis=1)
 
 
-def learned_accelerations(k_res: LearnedAcceleration, seen: Array, nv: int) -> Array:
-    """The learned acceleration in the base's axes (N, nv) [m/s², rad/s²].
+def learned_accelerations(k_res: Any, seen: Any, nv: int, *, of: ModuleType = np) -> Any:
+    """The learned acceleration in the base's axes (N, nv) [m/s², rad/s²]: of arrays, or of tensors with gradients.
 
     Args:
-        k_res: The function.
+        k_res: The `LearnedAcceleration`.
         seen: (N, n_f or more) features, of `tree_batch`.
         nv: Length of a velocity.
+        of: NumPy, or torch if both are tensors.
     """
     f = seen[:, : k_res.linear.shape[1]]
-    hidden = np.tanh(np.tanh(f @ k_res.W0.T + k_res.b0) @ k_res.W1.T + k_res.b1)
+    hidden = of.tanh(of.tanh(f @ k_res.W0.T + k_res.b0) @ k_res.W1.T + k_res.b1)
     found = f @ k_res.linear.T + hidden @ k_res.W2.T
-    out: Array = found[:, :nv].copy()
-    if found.shape[1] > nv:
-        out[:, :3] += to_base(seen, found[:, nv:], nv - 6)
-    return out
-
-
-def to_base(seen, along_world, n_joints):  # type: ignore[no-untyped-def]
-    """Vectors (N, 3) along the world's axes in the base's, whose features (N, n_f) of `tree_batch` are `seen`.
-
-    Arrays or tensors.
-    """
-    first = n_features(n_joints)
-    x, y, z = seen[:, first : first + 3], seen[:, first + 3 : first + 6], seen[:, :3]
-    return along_world[:, :1] * x + along_world[:, 1:2] * y + along_world[:, 2:] * z
+    if found.shape[1] == nv:
+        return found
+    first = n_features(nv - 6)  # the world's axes in the base's, by which an acceleration along them is turned
+    axes = of.stack([seen[:, first : first + 3], seen[:, first + 3 : first + 6], seen[:, :3]], 1)
+    field = (found[:, nv:, None] * axes).sum(1)
+    return of.concatenate([found[:, :3] + field, found[:, 3:nv]], 1)
 
 
 @fused_inlined_kernel

@@ -6,7 +6,6 @@ so that the branches of registered forces fall away (docs/adr/0014).
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Sequence
 from functools import reduce
 from typing import Any, NamedTuple
@@ -14,9 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.code_digest import note_registered
 from tossid.errors import InputError
-from tossid.kernels import by_type, implemented, implements, kernel
+from tossid.kernels import by_type, implemented, implements, kernel, register_implementation
 
 Array = NDArray[np.float64]
 
@@ -75,18 +73,9 @@ def register_force(kind: type) -> Callable[[Callable[..., Any]], Callable[..., A
     Raises:
         InputError: the class is no NamedTuple class or has a force already, or the function takes other arguments.
     """
-    if not (isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields")):
-        raise InputError(f"register_force was given {kind!r}, expected a NamedTuple class of the force's parameters")
 
     def register(function: Callable[..., Any]) -> Callable[..., Any]:
-        if kind in implemented(wrench_of):
-            raise InputError(f"{kind.__name__} has a force already; register a class of another name")
-        taken = list(inspect.signature(getattr(function, "py_func", function)).parameters)
-        if len(taken) != len(ARGUMENTS):
-            raise InputError(
-                f"the force {function.__name__} takes ({', '.join(taken)}), expected ({', '.join(ARGUMENTS)})"
-            )
-        note_registered(__name__, kind, function)
+        register_implementation(wrench_of, kind, function, ARGUMENTS, "force")
         compiled = function if hasattr(function, "py_func") else kernel(function, keep=False)
 
         @implements(wrench_of, kind)

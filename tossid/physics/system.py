@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from tossid.errors import ObjectError
 from tossid.objects import GRAVITY, JointLaw, ObjectModel
 from tossid.physics.contact.law import Law
-from tossid.physics.contact.rounds import Points, Shape, shape_of
+from tossid.physics.contact.rounds import POINTS, Rounds, rounds_of
 from tossid.physics.forces import Forces
 from tossid.physics.network import LearnedAcceleration, no_learned_acceleration
 from tossid.physics.registered_forces import NoForce, RegisteredForce
@@ -45,7 +45,7 @@ class System(NamedTuple):
         law: contact beyond a constant friction.
         joints: what acts in the joints; empty arrays for nothing.
         registered: the user's own force (`registered_forces`).
-        shape: what stands at the corners (`rounds`).
+        rounds: what stands at the corners.
     """
 
     parent: NDArray[np.int64]
@@ -70,7 +70,7 @@ class System(NamedTuple):
     law: Law = Law()
     joints: JointLaw = JointLaw(*np.zeros((5, 0)))
     registered: RegisteredForce = NoForce()
-    shape: Shape = Points()
+    rounds: Rounds = POINTS
 
     @property
     def nv(self) -> int:
@@ -138,5 +138,5 @@ def make_system(
         relaxation=float(model.relaxation),
         cohesion=float(model.cohesion),
         joints=JointLaw(*map(np.array, model.joints)),
-        shape=shape_of(model.roundness),
+        rounds=rounds_of(model.roundness),
     )

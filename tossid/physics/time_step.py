@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.kernels import inlined_kernel, kernel
+from tossid.kernels import inlined_kernel, kernel, lean_kernel
 from tossid.physics.contact.holding import adhere, find_spin_taken
 from tossid.physics.contact.impacts import STEADY, carry_over, first_impact
 from tossid.physics.contact.law import ContactLaw
@@ -147,7 +147,7 @@ def simulate_part(engine, tosses, out, work, first, last):  # type: ignore[no-un
     simulate_tosses(engine, tosses, out, work, state, corners, first, last)
 
 
-@kernel(allocates=False)
+@lean_kernel
 def simulate_tosses(engine, tosses, out, work, s, corners, first, last):  # type: ignore[no-untyped-def]
     """Simulate tosses first..last-1 into `out`, a `Simulation`.
 
@@ -169,7 +169,7 @@ def simulate_tosses(engine, tosses, out, work, s, corners, first, last):  # type
             s.v[i] = tosses.v[toss, i]
         begin_toss(corners, dt / engine.settings.substeps)
         record_state(s, out, toss, 0)
-        frame, quiet = 0, 0
+        frame, quiet = np.int64(0), np.int64(0)  # (of literals, Numba would compile what they are handed to twice)
         while frame < tosses.n_steps[toss] and quiet < QUIET:
             quiet = advance_frame(engine, work, s, corners, out, toss, frame, quiet)
             if not out.finite[toss]:
@@ -203,7 +203,6 @@ def advance_frame(engine, work, s, corners, out, toss, frame, quiet):  # type: i
     """
     settings, law = engine.settings, engine.law
     rest, strikes = settings.dt, np.int64(0)
-    # (one type of integers all through, or Numba would compile the loop twice)
     step = Step(settings.dt / settings.substeps, np.int64(1), False, False, False, True)  # type: ignore[arg-type]
     while rest > 1e-9 * settings.dt:
         step = next_event(engine, work, s, corners, step, rest, strikes)

@@ -1,7 +1,6 @@
 """Round corners in the time-stepping kernel: where the lowest point of a corner is.
 
-`tossid.objects.roundness` has the equation. An object whose corners are points has the type `Points`; for it all of
-this falls away when a kernel is compiled.
+`tossid.objects.roundness` has the equation. Corners that are points have empty arrays, and one question to ask.
 """
 
 from __future__ import annotations
@@ -12,22 +11,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.kernels import by_type, implements
+from tossid.kernels import inlined_kernel, lean_kernel
 from tossid.objects import Roundness
 from tossid.objects.roundness import FLAT
 
 Array = NDArray[np.float64]
 
 
-class Points(NamedTuple):
-    """Corners that are points."""
-
-
 class Rounds(NamedTuple):
-    """Corners of which some are round; the fields are those of `Roundness`, and least.
+    """What stands at the corners; all arrays are empty where every corner is a point.
 
     Attributes:
-        radius: (n_c,) [m].
+        radius: (n_c,) as of `Roundness`, like the next three [m].
         root: (n_c, 3, 3) [m].
         turned: (n_c, 3, 3) [m].
         flat: (n_c, 3).
@@ -41,58 +36,39 @@ class Rounds(NamedTuple):
     least: Array
 
 
-Shape = Points | Rounds
+POINTS = Rounds(np.zeros(0), np.zeros((0, 3, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0))
+"""Of corners that are points."""
 
 
-def shape_of(roundness: Roundness | None) -> Shape:
+def rounds_of(roundness: Roundness | None) -> Rounds:
     """What kernels take for an object's round corners.
 
     Args:
         roundness: Of the object.
     """
     if roundness is None:
-        return Points()
+        return POINTS
     least = FLAT * np.abs(roundness.root).max(axis=(1, 2))
     radius, root, turned, flat = (np.ascontiguousarray(part) for part in roundness)
     return Rounds(radius, root, turned, flat, least)
 
 
-@by_type
-def is_round(shape):  # type: ignore[no-untyped-def]
-    """Whether some corner is round; known when compiled."""
-    raise NotImplementedError
+@inlined_kernel
+def is_round(rounds):  # type: ignore[no-untyped-def]
+    """Whether some corner is round."""
+    return rounds.radius.shape[0] > 0
 
 
-@by_type
-def lowest_offset(shape, c, up0, up1, up2):  # type: ignore[no-untyped-def]
+@lean_kernel
+def lowest_offset(rounds, c, up0, up1, up2):  # type: ignore[no-untyped-def]
     """The lowest point of corner c from the corner, given the vertical, all in the axes of the corner's body [m]."""
-    raise NotImplementedError
-
-
-@implements(is_round, Points)
-def _points_are_not(shape):  # type: ignore[no-untyped-def]
-    return False
-
-
-@implements(is_round, Rounds)
-def _rounds_are(shape):  # type: ignore[no-untyped-def]
-    return True
-
-
-@implements(lowest_offset, Points)
-def _no_offset(shape, c, up0, up1, up2):  # type: ignore[no-untyped-def]
-    return 0.0, 0.0, 0.0
-
-
-@implements(lowest_offset, Rounds)
-def _offset(shape, c, up0, up1, up2):  # type: ignore[no-untyped-def]
-    Q, P, r = shape.root, shape.turned, shape.radius[c]
+    Q, P, r = rounds.root, rounds.turned, rounds.radius[c]
     w0 = -(Q[c, 0, 0] * up0 + Q[c, 0, 1] * up1 + Q[c, 0, 2] * up2)
     w1 = -(Q[c, 1, 0] * up0 + Q[c, 1, 1] * up1 + Q[c, 1, 2] * up2)
     w2 = -(Q[c, 2, 0] * up0 + Q[c, 2, 1] * up1 + Q[c, 2, 2] * up2)
     size = math.sqrt(w0 * w0 + w1 * w1 + w2 * w2)
-    if size <= shape.least[c]:
-        w0, w1, w2 = shape.flat[c, 0], shape.flat[c, 1], shape.flat[c, 2]
+    if size <= rounds.least[c]:
+        w0, w1, w2 = rounds.flat[c, 0], rounds.flat[c, 1], rounds.flat[c, 2]
     else:
         w0, w1, w2 = w0 / size, w1 / size, w2 / size
     return (
@@ -102,23 +78,13 @@ def _offset(shape, c, up0, up1, up2):  # type: ignore[no-untyped-def]
     )
 
 
-@by_type
-def bulge(shape, c, up0, up1, up2, w0, w1, w2):  # type: ignore[no-untyped-def]
+@lean_kernel
+def bulge(rounds, c, up0, up1, up2, w0, w1, w2):  # type: ignore[no-untyped-def]
     """Second derivative in time of how far corner c reaches down, at a constant spin w [m/s²].
 
     With s = |Q u|, the vertical u in the body's axes turns as du/dt = u x w.
     """
-    raise NotImplementedError
-
-
-@implements(bulge, Points)
-def _no_bulge(shape, c, up0, up1, up2, w0, w1, w2):  # type: ignore[no-untyped-def]
-    return 0.0
-
-
-@implements(bulge, Rounds)
-def _bulge(shape, c, up0, up1, up2, w0, w1, w2):  # type: ignore[no-untyped-def]
-    Q = shape.root
+    Q = rounds.root
     d0, d1, d2 = up1 * w2 - up2 * w1, up2 * w0 - up0 * w2, up0 * w1 - up1 * w0
     e0, e1, e2 = d1 * w2 - d2 * w1, d2 * w0 - d0 * w2, d0 * w1 - d1 * w0
     squared, along, turned, bent = 0.0, 0.0, 0.0, 0.0
@@ -128,6 +94,6 @@ def _bulge(shape, c, up0, up1, up2, w0, w1, w2):  # type: ignore[no-untyped-def]
         z = Q[c, i, 0] * e0 + Q[c, i, 1] * e1 + Q[c, i, 2] * e2
         squared, along, turned, bent = squared + x * x, along + x * y, turned + y * y, bent + x * z
     size = math.sqrt(squared)
-    if size <= shape.least[c]:
+    if size <= rounds.least[c]:
         return 0.0
     return (turned + bent) / size - along * along / (size * squared)

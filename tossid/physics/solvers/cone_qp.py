@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 
-from tossid.kernels import fused_kernel, fused_lean_kernel
+from tossid.kernels import fused_kernel, fused_lean_kernel, fused_part_kernel
 from tossid.parallel import over_threads
 from tossid.physics.solvers.blocks import block_qp
 from tossid.physics.solvers.newton import newton_step
@@ -87,7 +87,7 @@ def qp_sweep(A, V, index, m):  # type: ignore[no-untyped-def]
         shift(A, V, k, x0, x1, x2, m)
 
 
-@fused_kernel
+@fused_part_kernel
 def qp_at_rest(V, m):  # type: ignore[no-untyped-def]
     """Whether lam = 0 solves the contact-major programme of V[B] and V[MU], whatever A is: c_n >= mu |c_t|."""
     for i in range(m):

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tossid.kernels import fused_inlined_kernel, fused_kernel, fused_lean_kernel, implements
+from tossid.kernels import fused_inlined_kernel, fused_lean_kernel, fused_part_kernel, implements
 from tossid.physics.solvers.blocks import block_cone
 from tossid.physics.solvers.cone_qp import qp_solve
 from tossid.physics.solvers.newton import newton_step
@@ -183,7 +183,7 @@ def solve_exact(solver, A, V, index, n, tolerance):  # type: ignore[no-untyped-d
     return solve_again(solver, A, V, index, n, tolerance, status, kkt_error)
 
 
-@fused_kernel
+@fused_part_kernel
 def solve_again(solver, A, V, index, n, tolerance, status, kkt_error):  # type: ignore[no-untyped-def]
     """Impulses of a problem that the quick solver left at V[LAM] with this status and KKT error; (status, KKT error).
 

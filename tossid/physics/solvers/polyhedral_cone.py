@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tossid.errors import InputError
-from tossid.kernels import fused_kernel, implements
+from tossid.kernels import fused_part_kernel, implements
 from tossid.physics.solvers.blocks import lu_solve
 from tossid.physics.solvers.registry import solve_contact
 from tossid.physics.solvers.workspace import (
@@ -77,7 +77,7 @@ def _solve(solver, A, V, index, n, tolerance):  # type: ignore[no-untyped-def]
     return solve_polyhedral(A, V, n, tolerance, solver.n_directions, solver.max_iterations)
 
 
-@fused_kernel
+@fused_part_kernel
 def solve_polyhedral(A, V, n, tolerance, n_directions, max_pivots):  # type: ignore[no-untyped-def]
     """Solve the contact-major problem A, V[B], V[MU] of n contacts into V[LAM]; (status, KKT error [m/s])."""
     size = n * (n_directions + 2)
@@ -110,7 +110,7 @@ def solve_polyhedral(A, V, n, tolerance, n_directions, max_pivots):  # type: ign
     return status, least
 
 
-@fused_kernel
+@fused_part_kernel
 def write_impulses(A, V, n, axes, z):  # type: ignore[no-untyped-def]
     """Write the contacts' impulses at z into V[LAM], and their velocities into V[W]."""
     n_axes = axes.shape[0]
@@ -124,7 +124,7 @@ def write_impulses(A, V, n, axes, z):  # type: ignore[no-untyped-def]
     multiply(A, V, LAM, W, n)
 
 
-@fused_kernel
+@fused_part_kernel
 def lcp_matrix(A, V, n, axes, M, q):  # type: ignore[no-untyped-def]
     """M and q of 0 <= z _|_ M z + q >= 0, scaled.
 
@@ -151,7 +151,7 @@ def lcp_matrix(A, V, n, axes, M, q):  # type: ignore[no-untyped-def]
             M[i * block + a, last], M[last, i * block + a] = 1.0, -1.0
 
 
-@fused_kernel
+@fused_part_kernel
 def complementarity_error(V, n, axes, z):  # type: ignore[no-untyped-def]
     """The KKT error of the polyhedral cone (`problem`) [m/s], at z and the velocities V[W]."""
     n_axes, worst = axes.shape[0], 0.0
@@ -172,7 +172,7 @@ def complementarity_error(V, n, axes, z):  # type: ignore[no-untyped-def]
     return worst
 
 
-@fused_kernel
+@fused_part_kernel
 def lemke(M, q, max_pivots, basis, values):  # type: ignore[no-untyped-def]
     """Lemke's algorithm on w = M z + q, 0 <= w _|_ z >= 0, with the artificial variable z_0 in every row.
 
@@ -217,7 +217,7 @@ def lemke(M, q, max_pivots, basis, values):  # type: ignore[no-untyped-def]
     return status
 
 
-@fused_kernel
+@fused_part_kernel
 def leaving_row(T, enter, basis, ties):  # type: ignore[no-untyped-def]
     """Row of the lexicographic ratio test in column `enter`, or -1 if nothing limits it (a ray).
 
@@ -253,7 +253,7 @@ def leaving_row(T, enter, basis, ties):  # type: ignore[no-untyped-def]
     return ties[0]
 
 
-@fused_kernel
+@fused_part_kernel
 def pivot(T, row, enter):  # type: ignore[no-untyped-def]
     """Bring column `enter` into the basis at `row`: Gauss-Jordan elimination of the tableau's column."""
     inverse = 1.0 / T[row, enter]

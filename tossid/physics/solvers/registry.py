@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from tossid.code_digest import note_registered
 from tossid.errors import InputError
-from tossid.kernels import FUSED, by_type, implemented, implements, kernel
+from tossid.kernels import FUSED, by_type, implemented, implements, kernel, register_implementation
 from tossid.physics.solvers.workspace import LAM, MU, B
 
 ARGUMENTS = ("solver", "A", "b", "mu", "lam", "tolerance")
@@ -66,18 +64,9 @@ def register_solver(kind: type) -> Callable[[Callable[..., Any]], Callable[..., 
     Raises:
         InputError: the class is no NamedTuple class or has a solver already, or the function takes other arguments.
     """
-    if not (isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields")):
-        raise InputError(f"register_solver was given {kind!r}, expected a NamedTuple class of the solver's settings")
 
     def register(function: Callable[..., Any]) -> Callable[..., Any]:
-        if kind in implemented(solve_contact):
-            raise InputError(f"{kind.__name__} has a contact solver already; register a class of another name")
-        taken = list(inspect.signature(getattr(function, "py_func", function)).parameters)
-        if len(taken) != len(ARGUMENTS):
-            raise InputError(
-                f"the contact solver {function.__name__} takes ({', '.join(taken)}), expected ({', '.join(ARGUMENTS)})"
-            )
-        note_registered(__name__, kind, function)
+        register_implementation(solve_contact, kind, function, ARGUMENTS, "contact solver")
         compiled = function if hasattr(function, "py_func") else kernel(function, fastmath=FUSED, keep=False)
 
         @kernel(keep=False)

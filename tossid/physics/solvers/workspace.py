@@ -21,7 +21,7 @@ import math
 
 import numpy as np
 
-from tossid.kernels import fused_inlined_kernel, fused_kernel, fused_lean_kernel
+from tossid.kernels import fused_inlined_kernel, fused_lean_kernel, fused_part_kernel
 
 SOLVED, MAX_ITERATIONS, INFEASIBLE, NOT_FINITE, INACCURATE = 0, 1, 2, 3, 4
 """What became of a problem (`problem.SolverStatus`)."""
@@ -34,7 +34,7 @@ KIND, ROW, WIDTH = 0, 1, 2
 """Rows of the integers."""
 
 
-@fused_kernel
+@fused_part_kernel
 def work_arrays(n):  # type: ignore[no-untyped-def]
     """Work arrays (V, index) of the cone solvers for up to n contacts, to be used again and again."""
     return np.zeros((TOP + 6 * n, 3 * n + 1)), np.zeros((3, 3 * n + 1), dtype=np.int64)

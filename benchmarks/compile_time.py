@@ -1,0 +1,91 @@
+"""`python -m benchmarks.compile_time`: processor time that compiling the kernels takes, and what of them takes it.
+
+It measures a copy of the sources with a cache of its own: the simulation of a cube for the first time, and again after
+an edit of the contact law; with `--all`, each task of `make setup` too. Times are of processes as a whole, imports
+included. Then the functions that took longest, without those that they call: Numba compiles these on the way.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from pipelines.cli.console import Console
+
+SIMULATE = """
+import collections, json, sys, time
+import numpy as np
+from numba.core import event
+from tossid.objects import load_object
+from tossid.physics import make_system, simulate
+
+found, open_ = collections.defaultdict(lambda: [0, 0.0]), []
+
+class Listener(event.Listener):
+    def on_start(self, event):
+        open_.append([time.process_time(), 0.0])
+
+    def on_end(self, event):
+        started, inside = open_.pop()
+        took = time.process_time() - started
+        if open_:
+            open_[-1][1] += took
+        function = event.data["dispatcher"].py_func
+        entry = found[f"{function.__module__}.{function.__name__}"]
+        entry[0] += 1
+        entry[1] += took - inside
+
+event.register("numba:compile", Listener())
+model = load_object("cube")
+start = np.array([[0, 0, 0.1, 1, 0, 0, 0.0]])
+simulate(make_system(model), start, np.zeros((1, 6)), n_steps=1, dt=1 / 148)
+print(json.dumps(sorted(([name, *entry] for name, entry in found.items()), key=lambda row: -row[2])))
+"""
+LONGEST = 15
+"""Functions that are listed."""
+
+
+def main() -> None:
+    """Print the table."""
+    console, root = Console(), Path(__file__).parents[1]
+    with tempfile.TemporaryDirectory() as temporary:
+        tree = Path(temporary) / "tree"
+        for package in ("tossid", "pipelines"):
+            shutil.copytree(root / package, tree / package, ignore=shutil.ignore_patterns("*.nb[ic]", "__pycache__"))
+        imports, _ = seconds(tree, "import numpy, tossid.physics")
+        first, functions = seconds(tree, SIMULATE)
+        law = tree / "tossid" / "physics" / "contact" / "law.py"
+        law.write_text(law.read_text() + "\n\nEDITED = True\n")
+        edited, _ = seconds(tree, SIMULATE)
+        rows = [["imports alone", imports], ["cube, for the first time", first], ["after an edit of law.py", edited]]
+        if "--all" in sys.argv[1:]:
+            shutil.rmtree(tree / "cache")
+            tasks = "from pipelines import compile_kernels as c; print(*(task.__name__ for task in c.TASKS))"
+            for name in seconds(tree, tasks)[1].split():
+                task = f"from pipelines import compile_kernels as c; c.{name}()"
+                rows += [[f"make setup: {name}", seconds(tree, task)[0]]]
+            rows += [["make setup, in all", sum(float(row[1]) for row in rows[3:])]]
+    console.table(["processor time", "s"], [[name, f"{value:.1f}"] for name, value in rows])
+    listed = json.loads(functions)
+    console.say(f"{sum(count for _, count, _ in listed)} functions compiled; the longest:")
+    console.table(["function", "versions", "s"], [[name, str(n), f"{t:.2f}"] for name, n, t in listed[:LONGEST]])
+
+
+def seconds(tree: Path, code: str) -> tuple[float, str]:
+    """Processor time [s] of a Python process that runs code in a tree, and the last line that it prints."""
+    environment = {**os.environ, "PYTHONPATH": str(tree), "NUMBA_CACHE_DIR": str(tree / "cache")}
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run([sys.executable, "-c", code], cwd=tree, env=environment, stdout=subprocess.PIPE, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    lines = done.stdout.decode().splitlines()
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, lines[-1] if lines else ""
+
+
+if __name__ == "__main__":
+    main()
