@@ -63,14 +63,14 @@ def main() -> None:
         law = tree / "tossid" / "physics" / "contact" / "law.py"
         law.write_text(law.read_text() + "\n\nEDITED = True\n")
         edited, _ = seconds(tree, SIMULATE)
-        rows = [["imports alone", imports], ["cube, for the first time", first], ["after an edit of law.py", edited]]
+        rows = [("imports alone", imports), ("cube, for the first time", first), ("after an edit of law.py", edited)]
         if "--all" in sys.argv[1:]:
             shutil.rmtree(tree / "cache")
             tasks = "from pipelines import compile_kernels as c; print(*(task.__name__ for task in c.TASKS))"
             for name in seconds(tree, tasks)[1].split():
                 task = f"from pipelines import compile_kernels as c; c.{name}()"
-                rows += [[f"make setup: {name}", seconds(tree, task)[0]]]
-            rows += [["make setup, in all", sum(float(row[1]) for row in rows[3:])]]
+                rows.append((f"make setup: {name}", seconds(tree, task)[0]))
+            rows.append(("make setup, in all", sum(took for _, took in rows[3:])))
     console.table(["processor time", "s"], [[name, f"{value:.1f}"] for name, value in rows])
     listed = json.loads(functions)
     console.say(f"{sum(count for _, count, _ in listed)} functions compiled; the longest:")
