@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.objects import ObjectModel, corner_positions
 from tossid.physics import Simulation, simulate
 from tossid.physics.effects import RecordingErrors, World
 
@@ -45,3 +46,12 @@ def states(count: int) -> tuple[Array, Array]:
     q[:, 2] += 0.5
     q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
     return q, rng.normal(size=(count, 6)) * [1, 1, 1, 5, 5, 5]
+
+
+def energy(model: ObjectModel, q: Array, v: Array) -> Array:
+    """Kinetic, potential and the springs' (*b,) [J], of a body whose frame is at its centre of mass."""
+    spin = np.einsum("...i,ij,...j->...", v[..., 3:], model.inertia[0], v[..., 3:])
+    total = 0.5 * (spin + model.mass[0] * (v[..., :3] ** 2).sum(-1)) + model.mass[0] * 9.81 * q[..., 2]
+    if model.compliance > 0:
+        total += 0.5 / model.compliance * (np.minimum(corner_positions(model, q)[..., 2], 0) ** 2).sum(-1)
+    return np.asarray(total)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.physics.worlds import energy
 from tossid.errors import ObjectError
 from tossid.objects import ObjectModel, corner_positions
-from tossid.physics import ExactCone, PolyhedralCone, Simulation, make_system, simulate
+from tossid.physics import ExactCone, PolyhedralCone, make_system, simulate
 from tossid.physics.contact.law import Law
 from tossid.physics.effects import World
 from tossid.physics.effects.in_mujoco import toss_in_mujoco
@@ -26,14 +27,6 @@ def tossed(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray
     q = np.concatenate([np.zeros((count, 2)), np.full((count, 1), 0.11), rng.normal(size=(count, 4))], 1)
     q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
     return q, rng.normal(size=(count, 6)) * [1, 1, 0.3, 6, 6, 6] - [0, 0, 1, 0, 0, 0]
-
-
-def energy(model: ObjectModel, run: Simulation) -> np.ndarray:
-    """Kinetic, potential and the springs' (B, T + 1) [J], of a body whose frame is at its centre of mass."""
-    spring = 0.5 / model.compliance * (np.minimum(corner_positions(model, run.q)[..., 2], 0) ** 2).sum(-1)
-    spin = np.einsum("bti,ij,btj->bt", run.v[..., 3:], model.inertia[0], run.v[..., 3:])
-    move = model.mass[0] * (run.v[..., :3] ** 2).sum(-1)
-    return np.asarray(0.5 * (spin + move) + model.mass[0] * 9.81 * run.q[..., 2] + spring)
 
 
 @both_cones
@@ -83,7 +76,7 @@ def test_contact_makes_no_energy(cube: ObjectModel, dt: float, relaxation: float
     run = simulate(make_system(model), q, v, n_steps=round(0.3 / dt), dt=dt)
     assert run.kkt_error.max() < 1e-4
     assert (run.lam_n > 0).any(axis=(1, 2)).all()
-    total = energy(model, run)
+    total = energy(model, run.q, run.v)
     assert (total - np.minimum.accumulate(total, axis=1)).max() < 1e-9
     assert (total[:, -1] < 0.9 * total[:, 0]).all()
 

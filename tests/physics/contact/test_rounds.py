@@ -7,16 +7,11 @@ import numpy as np
 import pytest
 
 from tests.objects.test_roundness import geom
-from tossid.objects import ObjectModel, corner_positions
+from tests.physics.worlds import energy
+from tossid.objects import corner_positions
 from tossid.physics import make_system, simulate
 
 DT = 1 / 148
-
-
-def energy(model: ObjectModel, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    kinetic = 0.5 * model.mass[0] * (v[..., :3] ** 2).sum(-1)
-    spin = 0.5 * np.einsum("...i,ij,...j->...", v[..., 3:], model.inertia[0], v[..., 3:])
-    return np.asarray(kinetic + spin + model.mass[0] * 9.81 * q[..., 2])
 
 
 def test_a_rolling_sphere_conserves_energy() -> None:
