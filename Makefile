@@ -39,9 +39,9 @@ $(STAMP): pyproject.toml $(wildcard requirements/*.txt)
 	  || { rm -rf $(VENV); echo "could not make $(VENV); on Debian and Ubuntu: apt install python3-venv" >&2; exit 2; }
 	@lock=$(LOCK); [ "$$lock" != auto ] || lock=$$($(BIN)/python requirements/choose.py $(PIP_ARGS)) || exit 2; \
 	if [ "$$lock" = none ]; then \
-	  $(BIN)/python -m pip install --quiet $(PIP_ARGS) -e '.[dev]'; \
+	  $(BIN)/python requirements/install.py $(PIP_ARGS) -e '.[dev]'; \
 	else \
-	  $(BIN)/python -m pip install --quiet $(PIP_ARGS) --require-hashes -r requirements/$$lock.txt && \
+	  $(BIN)/python requirements/install.py $(PIP_ARGS) --require-hashes -r requirements/$$lock.txt && \
 	  $(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .; \
 	fi
 	@$(RUN_ONE) $(BIN)/python -m pipelines.compile_kernels

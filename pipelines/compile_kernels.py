@@ -9,7 +9,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from multiprocessing import get_context
 
 import numpy as np
@@ -50,15 +50,21 @@ def of_other_contact() -> None:
 
 TASKS: tuple[Callable[[], None], ...] = (of_a_cube, of_an_elbow, of_films, of_other_contact)
 """Each in a process of its own."""
+EVERY_S = 8.0
+"""Longest time between two lines about it [s]."""
 
 
 def main() -> None:
     """Compile all kernels, by as many processes as there are tasks."""
-    started = time.perf_counter()
+    console, started = Console(), time.perf_counter()
     with ProcessPoolExecutor(len(TASKS), mp_context=get_context("spawn")) as workers:
-        for task in [workers.submit(task) for task in TASKS]:
-            task.result()
-    Console().say(f"kernels compiled in {time.perf_counter() - started:.0f} s")
+        left = {workers.submit(task) for task in TASKS}
+        while left:
+            done, left = wait(left, timeout=EVERY_S, return_when=FIRST_COMPLETED)
+            for task in done:
+                task.result()
+            parts = f"{len(TASKS) - len(left)} of {len(TASKS)} parts"
+            console.say(f"compiling kernels: {parts} in {time.perf_counter() - started:.0f} s")
 
 
 if __name__ == "__main__":
