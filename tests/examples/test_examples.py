@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import os
 import runpy
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
+import matplotlib
 import numpy as np
 import pytest
 
@@ -15,6 +18,7 @@ import tossid
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
+NOTEBOOK = EXAMPLES / "why_is_my_simulator_wrong.ipynb"
 
 
 def output_of(script: str, folder: Path, *args: str) -> str:
@@ -74,6 +78,37 @@ def test_frames_to_report(tmp_path: Path) -> None:
     tossid.synthesize("cube", frames=True, out=tmp_path / "film", tosses=8, **camera)
     assert "rotation_error_deg" in output_of("frames_to_report.py", tmp_path, "film")
     assert (tmp_path / "gap" / "gap.html").is_file()
+
+
+# ---------------------------------------------------------------- the notebook
+
+
+def cells_of_notebook() -> list[dict[str, Any]]:
+    """The cells with code, in their order."""
+    cells = json.loads(NOTEBOOK.read_text())["cells"]
+    return [cell for cell in cells if cell["cell_type"] == "code"]
+
+
+def test_the_notebook_is_kept_with_what_it_shows() -> None:
+    cells = cells_of_notebook()
+    outputs = [output for cell in cells for output in cell["outputs"]]
+    assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
+    assert all(output["output_type"] in ("stream", "display_data", "execute_result") for output in outputs)
+    assert sum("image/png" in output.get("data", {}) for output in outputs) == 3
+    assert NOTEBOOK.stat().st_size < 1_000_000
+    assert "/tmp" not in NOTEBOOK.read_text()
+
+
+@pytest.mark.slow
+def test_the_notebook_runs_and_finds_what_is_true(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(EXAMPLES)
+    names: dict[str, Any] = {}
+    with matplotlib.rc_context({"backend": "agg"}):
+        for cell in cells_of_notebook():
+            exec("".join(cell["source"]), names)
+    assert names["gap"].named == ("friction",)
+    assert names["found"].value == pytest.approx(names["true"], rel=0.02)
+    assert {"gap.html", "gap.json", "patched.xml"} <= {path.name for path in names["folder"].iterdir()}
 
 
 # ---------------------------------------------------------------- simulators of users
