@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.physics.trees import random_state, random_tree
-from tossid.motion.kinematics import body_velocities, center_of_mass, com_velocities, corner_velocities, jump_speed
+from tossid.motion.kinematics import body_motions, center_of_mass, com_velocities, corner_velocities, jump_speed
 from tossid.objects import ObjectModel, corner_positions
 from tossid.rotations import quat_exp, quat_mul, quat_normalize
 
@@ -20,7 +20,7 @@ def test_body_velocities_are_mujocos(seed: int) -> None:
     d = mujoco.MjData(m)
     d.qpos[:], d.qvel[:] = q, v = random_state(rng, model)
     mujoco.mj_forward(m, d)
-    linear, angular = body_velocities(model, q, v)
+    _, linear, angular = body_motions(model, q, v)
     for body in range(model.n_bodies):
         found = np.zeros(6)
         mujoco.mj_objectVelocity(m, d, mujoco.mjtObj.mjOBJ_XBODY, body + 1, found, 0)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.objects import JointType, ObjectModel, body_poses, lowest_points
-from tossid.rotations import quat_rotate
+from tossid.rotations import cross, quat_conj, quat_rotate
 
 Array = NDArray[np.float64]
 
@@ -32,8 +32,8 @@ def gyration(model: ObjectModel) -> float:
     return float(np.sqrt(np.trace(model.inertia[0]) / 3 / model.mass[0]))
 
 
-def body_velocities(model: ObjectModel, q: Array, v: Array) -> tuple[Array, Array]:
-    """Velocities of every body's frame.
+def body_motions(model: ObjectModel, q: Array, v: Array) -> tuple[Array, Array, Array]:
+    """Orientations and velocities of every body's frame.
 
     Args:
         model: The object.
@@ -41,7 +41,8 @@ def body_velocities(model: ObjectModel, q: Array, v: Array) -> tuple[Array, Arra
         v: Velocities, (*b, nv).
 
     Returns:
-        Velocities of the origins (*b, n_b, 3) [m/s, world] and angular velocities (*b, n_b, 3) [rad/s, world].
+        Quaternions (*b, n_b, 4), velocities of the origins (*b, n_b, 3) [m/s, world] and angular velocities
+        (*b, n_b, 3) [rad/s, world].
     """
     pos, quat = body_poses(model, q)
     linear = [v[..., :3]]
@@ -54,13 +55,13 @@ def body_velocities(model: ObjectModel, q: Array, v: Array) -> tuple[Array, Arra
             spin = angular[up] + rate * axis
             lever = quat_rotate(quat[..., body, :], model.joint_pos[body])
             anchor = pos[..., body, :] + lever - pos[..., up, :]
-            linear.append(linear[up] + np.cross(angular[up], anchor) - np.cross(spin, lever))
+            linear.append(linear[up] + cross(angular[up], anchor) - cross(spin, lever))
             angular.append(spin)
         else:
             reach = pos[..., body, :] - pos[..., up, :]
-            linear.append(linear[up] + np.cross(angular[up], reach) + rate * axis)
+            linear.append(linear[up] + cross(angular[up], reach) + rate * axis)
             angular.append(angular[up])
-    return np.stack(linear, axis=-2), np.stack(angular, axis=-2)
+    return quat, np.stack(linear, axis=-2), np.stack(angular, axis=-2)
 
 
 def corner_velocities(model: ObjectModel, q: Array, v: Array) -> Array:
@@ -71,11 +72,8 @@ def corner_velocities(model: ObjectModel, q: Array, v: Array) -> Array:
         q: Configurations, (*b, nq).
         v: Velocities, (*b, nv).
     """
-    _, quat = body_poses(model, q)
-    linear, angular = body_velocities(model, q, v)
-    turn = quat[..., model.corner_body, :]
-    lever = quat_rotate(turn, lowest_points(model, turn))
-    return linear[..., model.corner_body, :] + np.cross(angular[..., model.corner_body, :], lever)
+    quat, linear, angular = (part[..., model.corner_body, :] for part in body_motions(model, q, v))
+    return linear + cross(angular, quat_rotate(quat, lowest_points(model, quat)))
 
 
 def com_velocities(model: ObjectModel, q: Array, v: Array) -> Array:
@@ -86,9 +84,8 @@ def com_velocities(model: ObjectModel, q: Array, v: Array) -> Array:
         q: Configurations, (*b, nq).
         v: Velocities, (*b, nv).
     """
-    _, quat = body_poses(model, q)
-    linear, angular = body_velocities(model, q, v)
-    return linear + np.cross(angular, quat_rotate(quat, model.com))
+    quat, linear, angular = body_motions(model, q, v)
+    return linear + cross(angular, quat_rotate(quat, model.com))
 
 
 def jump_speed(model: ObjectModel, q: Array, before: Array, after: Array, free_fall: Array) -> Array:
@@ -104,12 +101,10 @@ def jump_speed(model: ObjectModel, q: Array, before: Array, after: Array, free_f
         after: Velocity, (*b, nv).
         free_fall: g Δt, by which gravity alone reduces the upward velocity [m/s], (*b,).
     """
-    _, quat = body_poses(model, q)
-    step = after - before
-    change = com_velocities(model, q, step)
+    quat, linear, angular = body_motions(model, q, after - before)
+    change = linear + cross(angular, quat_rotate(quat, model.com))
     change[..., 2] += np.asarray(free_fall)[..., None]
-    _, angular = body_velocities(model, q, step)
-    spin = quat_rotate(quat * np.array([1.0, -1.0, -1.0, -1.0]), angular)
+    spin = quat_rotate(quat_conj(quat), angular)
     energy = np.einsum("...bi,b,...bi->...", change, model.mass, change)
     energy += np.einsum("...bi,bij,...bj->...", spin, model.inertia, spin)
     return np.sqrt(energy / model.mass.sum())

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from tossid.motion.contact import may_touch
 from tossid.motion.free_fall import Parabola
-from tossid.motion.kinematics import body_velocities, com_velocities, corner_velocities, jump_speed
+from tossid.motion.kinematics import body_motions, com_velocities, corner_velocities, jump_speed
 from tossid.objects import GRAVITY, ObjectModel, corner_heights
 from tossid.types import Phase, check_motion
 
@@ -79,7 +79,7 @@ def phases_of_motion(parabola: Parabola, t: Array, q: Array, v: Array, *, v_sigm
     """
     body, fall = parabola.body(), parabola.gravity * np.diff(t)
     u = com_velocities(body, q, v).mean(axis=-2)
-    turning = body_velocities(body, q, v)[1]
+    turning = body_motions(body, q, v)[2]
     spin = parabola.gyration * np.sqrt((turning**2).sum(-1).mean(-1))
     change = np.diff(u, axis=0)
     change[:, 2] += fall

@@ -94,6 +94,8 @@ class ConvexShape:
         """
         inside = self.vertices.mean(axis=0)
         corners = self.vertices[ConvexHull(self.vertices).simplices] - inside
+        # of a tetrahedron from the origin to a, b, c: volume |det| / 6, mean s / 4, second moment (s sᵀ + Σ a aᵀ) / 20,
+        # with s = a + b + c
         volume = np.abs(np.linalg.det(corners)) / 6
         total = corners.sum(axis=1)
         first = np.einsum("t,ti->i", volume, total) / 4

@@ -74,6 +74,7 @@ def outer_hull(spaces: HalfSpaces) -> tuple[Array, float, Array]:
     """
     normals = np.concatenate([spaces.down, np.eye(3), -np.eye(3)])
     bounds = np.concatenate([spaces.height, np.full(6, LARGEST)])
+    # Chebyshev's centre: the largest radius r with n · c + r <= b for every half-space
     cost, columns = np.array([0.0, 0.0, 0.0, -1.0]), np.column_stack([normals, np.ones(len(normals))])
     found = linprog(cost, A_ub=columns, b_ub=bounds, bounds=[(None, None)] * 3 + [(0, None)])
     if found.status != 0 or found.x[3] < SMALLEST:
@@ -160,6 +161,7 @@ def turned(ways: Array, least: float) -> Bools:
 
 def protrusion(points: Array, vertices: Array) -> Array:
     """Distance (m,) of points (m, 3) from the convex hull of vertices (n, 3) [m]."""
+    # the nearest point is a convex combination of vertices; a heavy row makes its weights sum to 1
     heavy = 1e3 * np.abs(vertices).max()
     columns = np.vstack([vertices.T, np.full(len(vertices), heavy)])
     nearest = [vertices.T @ nnls(columns, np.append(point, heavy))[0] for point in points]

@@ -147,6 +147,7 @@ def _with_fewer(spaces: HalfSpaces, fit: Fit) -> Fit:
     """The fit without the vertices that cost least to leave out: a share of many, the best choice of one of few."""
     reach = np.sort(spaces.down @ fit.vertices.T, axis=1)[:, -2:]
     base = spaces.height - ground_slope(spaces) @ fit.ground
+    # what a frame costs without its lowest vertex is its loss at the second lowest
     one, two = (loss_of(base - reach[:, k], spaces.free, GAP) for k in (0, 1))
     cost = np.bincount(fit.lowest, one - two, minlength=len(fit.vertices))
     cheapest, n = np.argsort(cost), len(cost)
@@ -253,6 +254,7 @@ def _gauss_newton_step(
     A, b = sums(down, down) + _HOLD * np.eye(3), sums(down, r[:, None])
     if level:
         return np.asarray(np.linalg.solve(A, b)[..., 0]), np.zeros(3)
+    # normal equations [A C; Cᵀ D], A of blocks: its Schur complement gives the ground, and that the vertices
     C = sums(down, G)
     solved = np.linalg.solve(A, np.concatenate([b, C], axis=-1))
     own, by_ground = solved[..., 0], solved[..., 1:]

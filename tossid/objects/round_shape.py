@@ -117,6 +117,7 @@ def _families(hull: Array) -> Iterator[_Family]:
     """Each family with its starts, from the moments of the outer hull."""
     ways = directions(500)
     reach = (ways @ hull.T).max(axis=1)
+    # over the sphere, the mean of d h(d) is a third of the centre: d dᵀ has the mean 1/3
     middle = 3 * (ways * reach[:, None]).mean(axis=0)  # of a symmetric shape
     points = hull[(ways @ hull.T).argmax(axis=1)]
     L = np.linalg.cholesky(3 * np.cov(points.T) + 1e-8 * np.eye(3))

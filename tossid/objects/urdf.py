@@ -89,6 +89,7 @@ def _mesh(corners: Array, name: str) -> str:
     for face in hull.simplices:
         a, b, c = corners[face]
         i, j, k = face + 1
+        # Qhull gives faces in no order of turning
         outward = np.dot(np.cross(b - a, c - a), a - middle) > 0
         lines.append(f"f {i} {j} {k}" if outward else f"f {i} {k} {j}")
     return "\n".join(lines) + "\n"

@@ -10,10 +10,6 @@ from tossid.settings.kinds import (
     Bounds,
     Checked,
     Except,
-    Fraction,
-    NonNegative,
-    Positive,
-    advanced,
 )
 from tossid.settings.limits import Friction, Length, Mass, Restitution
 
@@ -48,19 +44,6 @@ class UnknownObjectSettings(Checked):
     """rigid bodies of which it consists: 1, or 2 on a hinge, whose poses are tracked each"""
     friction: Friction = 0.3
     """Coulomb friction that training starts from"""
-    sure: NonNegative = advanced(3e-4)
-    """standard error up to which corners, and the centre of mass, stay as the tosses showed them [m]: training would
-    move them to explain what its model lacks. 0 refines them in any case"""
-    sure_inertia: NonNegative = advanced(0.05)
-    """relative standard error up to which the inertia that the balance of momentum gives is taken and stays; above, it
-    is that of an evenly filled shape, and is learned"""
-    sure_friction: NonNegative = advanced(0.04)
-    """standard error up to which the friction of steady sliding is taken and stays: rollouts, whose law of contact is
-    not the object's, miss it by as much"""
-    rest_off_rel: Positive = advanced(0.02)
-    """share of the mean width by which the shape may be above or below the ground when a toss has come to rest"""
-    most_rest_off: Fraction = advanced(0.1)
-    """share of the tosses at rest that may be farther off; from two on, more are refused: the body's frame jumps"""
 
 
 _LIBRARY = Path("tossid/objects/library")

@@ -62,6 +62,7 @@ def drawn_splits(
 
 
 def _counts(share: np.ndarray, n: int) -> np.ndarray:
+    # the largest remainders get what rounding down leaves over (Hamilton's method)
     exact = share * n
     count = np.floor(exact).astype(int)
     for place in np.argsort(-(exact - count), kind="stable")[: n - count.sum()]:

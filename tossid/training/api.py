@@ -183,9 +183,9 @@ def prepare(dataset: Dataset, settings: TrainSettings) -> Fit:
     visible = (*train, *validation) if settings.tosses is None else train
     unknown = None if settings.object is None else unknown_object(visible, settings.object, tree=dataset.object)
     start, wanted = dataset.object if unknown is None else unknown.object, settings.model
-    if unknown is not None and settings.object is not None:
-        kept = unknown.kept(settings.object)  # a kind of model from outside may lack such settings
-        known: dict[str, Any] = {name: value for name, value in kept.items() if hasattr(wanted, name)}
+    if unknown is not None:
+        # a kind of model from outside may lack such settings
+        known: dict[str, Any] = {name: value for name, value in unknown.kept().items() if hasattr(wanted, name)}
         settings = replace(settings, model=replace(wanted, **known))
     measured = estimate_measurement(train, start)
     measurement = measurement_of(settings.model, measured, stated=unknown is None)

@@ -128,6 +128,7 @@ class FlightStage:
         for k, j in enumerate(columns):
             self._put(x + by * (np.arange(len(x)) == j))
             J[..., k] = (np.stack([state.residuals for state in self._flights(0)]) - r) / by
+        # rho'(c) of the robust loss: 1 up to 1, and 1/c beyond
         weight = 1 / np.maximum(1.0, [state.chi2 for state in flights])
         prior = np.where(self._gravity, 1e-12, 1.0)[columns]
         H = np.einsum("t,tnj,tnk->jk", weight, J, J) + np.diag(prior)

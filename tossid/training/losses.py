@@ -132,6 +132,7 @@ class LossStage:
 
         start, at_start = along.detach().clone(), slope()
         along.data.copy_(start + 1.0)
+        # Newton's step in one number, whose curvature is the difference of two slopes one unit apart
         rise = slope() - at_start
         step = -at_start / rise if rise > 0 else torch.zeros_like(rise)
         along.data.copy_(start + step if step.abs() > QUADRATIC_START else start)

@@ -65,7 +65,8 @@ class PredictionError:
     Attributes:
         train: Shots of training tosses.
         validation: Shots of validation tosses.
-        central: Whether differences go to both sides: they do with few tosses, and with joints.
+        central: Whether differences go to both sides, which costs twice as many rollouts: they do with few tosses, and
+            with joints.
     """
 
     def __init__(
@@ -158,16 +159,14 @@ class PredictionError:
         frames = self.train.inside.sum()
         return [float(so_far[i].sum() / frames) if i in left else float("inf") for i in range(len(values))]
 
-    def gauss_newton(self, errors: Array | None = None, *, central: bool | None = None) -> GaussNewton:
+    def gauss_newton(self, errors: Array | None = None) -> GaussNewton:
         """Gauss-Newton's sums at the present parameters, toss by toss.
 
         Args:
             errors: Of the training shots, where they are known.
-            central: Whether to take differences to both sides, which costs twice as many rollouts; None: as the object
-                itself has it.
         """
         settings, x, shots = self._settings, self.parameters(), self.train
-        central, by = self.central if central is None else central, settings.difference
+        central, by = self.central, settings.difference
         errors = self.errors(shots) if errors is None else errors
         J, odd = np.empty((*errors.shape, len(x))), shots.toss % 2 == 1
         every = np.full(len(odd), True)
@@ -186,6 +185,7 @@ class PredictionError:
                 J[which, T:, :, j] = 0.0
         size = np.einsum("slip,slip->sl", J, J)
         calm = shots.inside & (size <= np.quantile(size[shots.inside], 1 - settings.chaotic_share))
+        # the pseudo-Huber loss's weight of a frame, 1 / sqrt(1 + |e|²/d²)
         weight = calm / np.sqrt(1 + (errors**2).sum(-1) / settings.huber**2) / shots.inside.sum()
         rows, w = J.reshape(len(J), -1, len(x)), np.repeat(weight, errors.shape[-1], axis=1)[..., None]
         n = int(shots.toss.max()) + 1

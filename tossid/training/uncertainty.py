@@ -107,6 +107,7 @@ def covariance(prediction: PredictionError, sums: GaussNewton, *, widened: float
     """
     (n, size), H, g = sums.g.shape, sums.H.sum(0), sums.g.sum(0)
     ridge = 1e-6 * np.trace(H) / size * np.eye(size)
+    # d_i = -(H - H_i)^-1 (g - g_i): where the minimum would be without toss i
     left_out = -np.linalg.solve(H - sums.H + ridge, (g - sums.g)[..., None])[..., 0]
     spread = left_out - left_out.mean(0)
     scale = (n - 1) / (n * size) * np.einsum("ip,pq,iq->", spread, H + ridge, spread)
@@ -119,6 +120,7 @@ def covariance(prediction: PredictionError, sums: GaussNewton, *, widened: float
     to_relaxed = -np.linalg.solve(of_relaxed.H.sum(0) + ridge, of_relaxed.g.sum(0))
     prediction.set_parameters(sums.x + to_relaxed)
     with suppress(ObjectError):  # a step beyond every body
+        # tosses reject the relaxation where their losses are higher with it, beyond their scatter
         gain = before - relaxed.training_losses()
         score = gain.mean() / max(gain.std(ddof=1) / np.sqrt(n), 1e-300)
         if student.cdf(score, n - 1) < REJECTED:

@@ -20,7 +20,7 @@ from tossid.errors import InputError
 from tossid.motion.free_fall import FreeFall, find_parabola, free_fall
 from tossid.motion.links import body_tracks, com_of_moments, determined, moments_of_com
 from tossid.motion.momentum.estimate import Momentum, momentum_balance
-from tossid.objects import GRAVITY, ObjectModel, to_mjcf, unstated_object
+from tossid.objects import ObjectModel, to_mjcf, unstated_object
 from tossid.objects.convex_shape import ConvexShape, find_shape
 from tossid.objects.half_spaces import half_spaces
 from tossid.objects.linked_shapes import contacts_alone, find_linked_shapes
@@ -32,6 +32,18 @@ from tossid.types import Phase, PoseTrack, Toss
 DISAGREEMENT = 1e-3
 """Height of the ground that the contacts of a polytope ask for, though it is z = 0, from which on its corners are not
 sure, whatever their standard error [m]: edges are round, or the recording has errors that do not average out."""
+SURE = 3e-4
+"""Standard error up to which corners, and the centre of mass, stay as the tosses showed them [m]: training would move
+them to explain what its model lacks."""
+SURE_INERTIA = 0.05
+"""Relative standard error up to which the inertia that the balance of momentum gives is taken and stays; above, it is
+that of an evenly filled shape, and is learned."""
+SURE_FRICTION = 0.04
+"""Standard error up to which the friction of steady sliding is taken and stays: rollouts, whose law of contact is not
+the object's, miss it by as much."""
+REST_OFF_REL, MOST_REST_OFF = 0.02, 0.1
+"""Share of the mean width by which the shape may be above or below the ground when a toss has come to rest, and share
+of the tosses at rest that may be farther off; from two on, more are refused: the body's frame jumps."""
 ASSUMED = (
     "mass ratio: that of the volumes (no motion depends on it)",
     "centres of mass along the hinge: as nearly in the middle of the shapes as flight lets them be",
@@ -59,16 +71,15 @@ class UnknownObject(NamedTuple):
     momentum: Momentum
     off: Mapping[str, float]
 
-    def kept(self, settings: UnknownObjectSettings) -> dict[str, bool]:
-        """Settings of a model that keep what the tosses have shown surely.
-
-        Args:
-            settings: The largest standard errors of what is kept.
-        """
-        com = self.fall.com_deviation.max() < settings.sure
-        sure = {"learn_geometry": all(_is_sure(shape, settings) for shape in self.shapes), "learn_com": com}
-        sure["learn_inertia"] = com and self.momentum.inertia_deviation < settings.sure_inertia
-        sure["learn_friction"] = self.momentum.friction_deviation < settings.sure_friction
+    def kept(self) -> dict[str, bool]:
+        """Settings of a model that keep what the tosses have shown surely."""
+        com, momentum = self.fall.com_deviation.max() < SURE, self.momentum
+        sure = {
+            "learn_geometry": all(_is_sure(shape, linked=len(self.shapes) > 1) for shape in self.shapes),
+            "learn_com": com,
+            "learn_inertia": com and momentum.inertia_deviation < SURE_INERTIA,
+            "learn_friction": momentum.friction_deviation < SURE_FRICTION,
+        }
         return {name: False for name, is_sure in sure.items() if is_sure}
 
     def as_json(self) -> dict[str, Any]:
@@ -116,7 +127,6 @@ def unknown_object(
     settings: UnknownObjectSettings = UnknownObjectSettings(),
     *,
     tree: ObjectModel | None = None,
-    gravity: float = GRAVITY,
 ) -> UnknownObject:
     """The object that tosses show, with nothing stated but its mass.
 
@@ -124,7 +134,6 @@ def unknown_object(
         tosses: Of one rigid body, or of two links on a hinge, in any body frames, over the ground z = 0.
         settings: The mass, the number of links, and the friction to start from.
         tree: The dataset's object. Of two links its hinge is taken, which the tosses' angles are about; nothing else.
-        gravity: By which flight is told from contact [m/s²].
 
     Raises:
         InputError: The tosses show no shape (too few sides, no contact), not one shape (the body's frame jumps), or no
@@ -135,10 +144,10 @@ def unknown_object(
     if tosses[0].q.shape[1] != tree.nq or tree.n_bodies != settings.links:
         kind = "one rigid body" if settings.links == 1 else "two links on a hinge"
         raise InputError(f"object.links={settings.links} is {kind}; joints of these tosses: {tosses[0].q.shape[1] - 7}")
-    flying = find_parabola([PoseTrack(toss.name, toss.t, toss.q) for toss in tosses], tree, gravity=gravity)
+    flying = find_parabola([PoseTrack(toss.name, toss.t, toss.q) for toss in tosses], tree)
     free = {toss.name: flying.flying(toss.t, toss.q) for toss in tosses}
     shapes, alone = _shapes(tosses, tree, [free[toss.name] for toss in tosses])
-    off = _off_ground(tosses, tree, shapes, settings)
+    off = _off_ground(tosses, tree, shapes)
 
     def clearance(toss: Toss) -> NDArray[np.float64]:
         """Of links, whatever does not fall is left out: stretches above the ground hold hands and lost angles."""
@@ -148,9 +157,9 @@ def unknown_object(
     fall = free_fall(tosses, tree, clearance)
     model = _filled(tree, shapes, fall, settings)
     momentum = momentum_balance(tosses, model, gravity=fall.gravity)
-    if momentum.inertia_deviation < settings.sure_inertia:
+    if momentum.inertia_deviation < SURE_INERTIA:
         model = model.with_changes(inertia=momentum.inertia)
-    if momentum.friction is not None and momentum.friction_deviation < settings.sure_friction:
+    if momentum.friction is not None and momentum.friction_deviation < SURE_FRICTION:
         model = model.with_changes(friction=momentum.friction)
     return UnknownObject(model.with_changes(mjcf=to_mjcf(model)), shapes, alone, fall, momentum, off)
 
@@ -189,11 +198,11 @@ def _filled(
     )
 
 
-def _is_sure(shape: ConvexShape, settings: UnknownObjectSettings) -> bool:
+def _is_sure(shape: ConvexShape, *, linked: bool) -> bool:
     """Whether corners stay: those of a link that no contact shows cannot be learned either."""
     agrees = abs(shape.ground[0]) < DISAGREEMENT
-    shown = shape.deviation[shape.frames > 0] if settings.links > 1 else shape.deviation
-    return shape.roundness is not None or bool(shown.max() < settings.sure and agrees)
+    shown = shape.deviation[shape.frames > 0] if linked else shape.deviation
+    return shape.roundness is not None or bool(shown.max() < SURE and agrees)
 
 
 def _link_json(shape: ConvexShape, alone: NDArray[np.int64]) -> dict[str, Any]:
@@ -208,9 +217,7 @@ def _link_json(shape: ConvexShape, alone: NDArray[np.int64]) -> dict[str, Any]:
     }
 
 
-def _off_ground(
-    tosses: Sequence[Toss], tree: ObjectModel, shapes: Sequence[ConvexShape], settings: UnknownObjectSettings
-) -> dict[str, float]:
+def _off_ground(tosses: Sequence[Toss], tree: ObjectModel, shapes: Sequence[ConvexShape]) -> dict[str, float]:
     """Height of the shape at the end of each toss that comes to rest well above or below the ground [m].
 
     Of a body frame that jumps between tosses, the half-spaces hold what both positions of the object share. So some of
@@ -220,8 +227,8 @@ def _off_ground(
         InputError: Too many do.
     """
     height = {toss.name: float(_clearance(toss, tree, shapes)[-1]) for toss in tosses if toss.phase[-1] == Phase.REST}
-    off = {name: z for name, z in height.items() if abs(z) > settings.rest_off_rel * shapes[0].mean_width}
-    if len(off) > max(1, settings.most_rest_off * len(height)):
+    off = {name: z for name, z in height.items() if abs(z) > REST_OFF_REL * shapes[0].mean_width}
+    if len(off) > max(1, MOST_REST_OFF * len(height)):
         worst = 1e3 * max(map(abs, off.values()))
         raise InputError(
             f"no one shape rests on the ground: {len(off)} of {len(height)} tosses end up to {worst:.0f} mm above or "

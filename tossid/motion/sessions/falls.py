@@ -186,6 +186,9 @@ def rate_words(
 
 def _falls(tracks: Sequence[PoseTrack], model: ObjectModel) -> Array:
     """Acceleration in flight and its standard deviation [m/s²] of each toss that shows it, (n, 2)."""
-    falls = [fall_of(track, model, lowest_corner(model, track.q), fewest=FEWEST_FLIGHT) for track in tracks]
+    falls = [
+        fall_of(track.t, center_of_mass(model, track.q), lowest_corner(model, track.q), fewest=FEWEST_FLIGHT)
+        for track in tracks
+    ]
     seen = [(fall["gravity"][0][0], fall["gravity"][1][0, 0] ** -0.5) for fall in falls if fall]
     return np.array(seen).reshape(-1, 2)

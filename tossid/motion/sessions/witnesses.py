@@ -102,9 +102,9 @@ def toss_witnesses(
     faces, seen = link_faces(model), list[Seen]()
     places, speeds, lows = list[Array](), list[Array](), list[Array]()
     for track in tracks:
-        corners = corner_positions(model, track.q)
+        corners, com = corner_positions(model, track.q), center_of_mass(model, track.q)
         low = corners[..., 2].min(axis=1)
-        fall = fall_of(track, model, low)
+        fall = fall_of(track.t, com, low)
         speeds.append(fall.pop("speed", (np.full(2, np.nan),))[0])
         defective = float(_is_defective(track, model, gravity))
         seen.append(
@@ -112,7 +112,7 @@ def toss_witnesses(
                 **fall,
                 **_rest(track, model, faces),
                 **_contacts(corners, low),
-                **_noise(track, model),
+                **_noise(com, track.q),
                 "defects": (np.array([defective]), np.ones((1, 1))),
             }
         )
@@ -126,19 +126,19 @@ def toss_witnesses(
     return Witnesses(values, info, np.array(places), np.array(speeds), np.array(lows))
 
 
-def fall_of(track: PoseTrack, model: ObjectModel, low: Array, *, fewest: int = FEWEST_FLIGHT) -> Seen:
+def fall_of(t: Array, com: Array, low: Array, *, fewest: int = FEWEST_FLIGHT) -> Seen:
     """A parabola through the common centre of mass, from the release until a corner is near the ground.
 
     Args:
-        track: Of a toss.
-        model: The object.
-        low: Height of its lowest corner in each frame (n,) [m].
+        t: Times of a toss [s], (n,).
+        com: The centre of mass [m], (n, 3).
+        low: Height of the lowest corner [m], (n,).
         fewest: Frames of flight that it takes.
 
     Returns:
         Direction and size of the acceleration, and horizontal velocity; nothing where it does not fall long enough.
     """
-    fit = first_parabola(track.t, center_of_mass(model, track.q), low - low.min() > CLEAR_HEIGHT, fewest)
+    fit = first_parabola(t, com, low - low.min() > CLEAR_HEIGHT, fewest)
     if fit is None:
         return {}
     _, velocity, acceleration = fit.coefficients
@@ -227,12 +227,12 @@ def contact_points(corners: Array, low: Array) -> Array:
     return np.array(points).reshape(-1, 3)
 
 
-def _noise(track: PoseTrack, model: ObjectModel) -> Seen:
+def _noise(com: Array, q: Array) -> Seen:
     """Noise from third differences, of the common centre of mass and of the base's orientation."""
-    if len(track.t) < 8:
+    if len(q) < 8:
         return {}
-    position = scatter(np.diff(center_of_mass(model, track.q), n=3, axis=0))
-    angle = scatter(np.diff(quat_boxminus(track.q[1:, 3:7], track.q[:-1, 3:7]), n=2, axis=0))
+    position = scatter(np.diff(com, n=3, axis=0))
+    angle = scatter(np.diff(quat_boxminus(q[1:, 3:7], q[:-1, 3:7]), n=2, axis=0))
     return {"noise": (np.log(np.array([position, angle]) + 1e-9), np.eye(2))}
 
 
