@@ -11,6 +11,7 @@ from __future__ import annotations
 import codecs
 import contextlib
 from collections.abc import Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -48,18 +49,15 @@ def read_yaml(path: Path) -> dict[str, Any]:
     if text.startswith(b"%YAML:"):
         text = b"#" + text[1:]
     try:
-        content = yaml.load(text, _Loader)
+        content = yaml.load(text, partial(_Loader, path))
+    except FileError:
+        raise
     except yaml.MarkedYAMLError as error:
         mark, problem = error.problem_mark or error.context_mark, error.problem or error.context
         line = "" if mark is None else f" (line {mark.line + 1})"
         raise FileError(path, f"is not valid YAML{line}: {problem}") from error
     except yaml.YAMLError as error:  # of bytes that are no text
         raise FileError(path, f"is not valid YAML: {' '.join(str(error).split())}") from error
-    except _NotRead as error:
-        raise FileError(path, str(error)) from error
-    except _TooManyValues as error:
-        many = budget.limits().yaml_values
-        raise FileError(path, f"claims more than {many:,} values and names, expected at most that") from error
     except RecursionError as error:
         raise FileError(path, "is nested too deeply") from error
     except Exception as error:  # of dates and numbers that are none, PyYAML raises whatever it comes across
@@ -181,38 +179,30 @@ def read_pose(path: Path, where: str, value: Any) -> Array:
     return transform_from_rotvec(position, rotation)
 
 
-class _TooManyValues(Exception):
-    """More than `ReadLimits.yaml_values`."""
-
-
-class _NotRead(Exception):
-    """A construct of YAML that is not read."""
-
-    def __init__(self, mark: yaml.Mark, problem: str) -> None:
-        super().__init__(f"line {mark.line + 1}: {problem}")
-
-
 class _Loader(Composer, yaml.CSafeLoader):  # in this order: CSafeLoader has a composer of its own, in C
-    def __init__(self, text: bytes) -> None:
+    def __init__(self, path: Path, text: bytes) -> None:
         yaml.CSafeLoader.__init__(self, text)
         Composer.__init__(self)
-        self.left = budget.limits().yaml_values
+        self.path, self.values = path, 0
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        self.left -= 1
-        if self.left < 0:
-            raise _TooManyValues
+        self.values, most = self.values + 1, budget.limits().yaml_values
+        if self.values > most:
+            raise FileError(self.path, f"claims more than {most:,} values and names, expected at most that")
         node: yaml.Node | None = super().compose_node(parent, index)
         return node
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
         seen: set[str] = set()
         for key, _ in node.value:
+            problem = ""
             if key.tag == "tag:yaml.org,2002:merge":
                 problem = "merge keys (<<) are not read, as a small file could grow to gigabytes by them"
-                raise _NotRead(key.start_mark, f"{problem}; expected the merged values written out where they hold")
-            if isinstance(key, yaml.ScalarNode) and key.value in seen:
-                raise _NotRead(key.start_mark, f"'{key.value}' stands here a second time, expected each key once")
+                problem += "; expected the merged values written out where they hold"
+            elif isinstance(key, yaml.ScalarNode) and key.value in seen:
+                problem = f"'{key.value}' stands here a second time, expected each key once"
+            if problem:
+                raise FileError(self.path, f"line {key.start_mark.line + 1}: {problem}")
             seen.add(key.value if isinstance(key, yaml.ScalarNode) else "")
         super().flatten_mapping(node)
 
