@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -21,61 +20,46 @@ def entries(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
+def write(out: Path, content: str, error: BaseException | None = None) -> None:
+    """Write a file, or a folder (of a name without a suffix) that holds a file of this name; end in an error if any."""
+    with output_file(out) if out.suffix else output_folder(out, made_by="test") as temporary:
+        (temporary if out.suffix else temporary / content).write_text(content)
+        assert not out.suffix or temporary.suffix == out.suffix
+        if error is not None:
+            raise error
+
+
 def test_a_file_appears_when_it_is_whole(tmp_path: Path) -> None:
     out = tmp_path / "deep" / "a.h5"
     with output_file(out) as temporary:
         temporary.write_text("new")
-        assert temporary.suffix == ".h5"
         assert not out.exists()
     assert out.read_text() == "new"
     assert entries(out.parent) == ["a.h5"]
 
 
-def test_an_error_leaves_the_earlier_file(tmp_path: Path) -> None:
-    out = tmp_path / "a.h5"
-    out.write_text("old")
-    with pytest.raises(RuntimeError), output_file(out) as temporary:
-        temporary.write_text("half")
-        raise RuntimeError
-    assert out.read_text() == "old"
-    assert entries(tmp_path) == ["a.h5"]
+@pytest.mark.parametrize("error", [RuntimeError(), KeyboardInterrupt()])
+def test_an_error_leaves_what_was_there(tmp_path: Path, error: BaseException) -> None:
+    (tmp_path / "rec").mkdir()  # an empty folder is taken
+    for content in ("old", "new"):
+        write(tmp_path / "a.h5", content)
+        write(tmp_path / "rec", content)
+    for name in ("a.h5", "rec"):
+        with pytest.raises(type(error)):
+            write(tmp_path / name, "half", error)
+    assert (tmp_path / "a.h5").read_text() == "new"
+    assert entries(tmp_path / "rec") == [outputs.MARKER, "new"]
+    assert entries(tmp_path) == ["a.h5", "rec"]
 
 
-def test_a_folder_is_replaced_whole(tmp_path: Path) -> None:
-    out = tmp_path / "rec"
-    for content in ("one", "two"):
-        with output_folder(out, made_by="test") as temporary:
-            (temporary / content).write_text(content)
-    assert entries(out) == [outputs.MARKER, "two"]
-    assert entries(tmp_path) == ["rec"]
-
-
-def test_a_replacement_that_died_halfway_is_put_back(tmp_path: Path) -> None:
+def test_a_replacement_that_died_halfway_is_put_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / ".rec.old").mkdir()
-    (tmp_path / ".rec.old" / outputs.MARKER).write_text("{}")
     (tmp_path / ".rec.old" / "kept").write_text("kept")
-    outputs.recover_folder(tmp_path / "rec")
+    recover_folder(tmp_path / "rec")
     assert (tmp_path / "rec" / "kept").read_text() == "kept"
-
-
-def test_the_folder_that_one_is_in_is_put_back_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = tmp_path / "mine"
-    folder.mkdir()
-    (tmp_path / ".mine.old").mkdir()
-    monkeypatch.chdir(folder)
-    recover_folder(Path("."))
-    assert folder.is_dir()
-    assert not (tmp_path / ".mine.old").exists()
-
-
-def test_an_error_leaves_the_earlier_folder(tmp_path: Path) -> None:
-    out = tmp_path / "rec"
-    with output_folder(out, made_by="test") as temporary:
-        (temporary / "one").write_text("one")
-    with pytest.raises(KeyboardInterrupt), output_folder(out, made_by="test") as temporary:
-        (temporary / "two").write_text("two")
-        raise KeyboardInterrupt
-    assert entries(out) == [outputs.MARKER, "one"]
+    (tmp_path / ".rec.old").mkdir()
+    monkeypatch.chdir(tmp_path / "rec")
+    recover_folder(Path("."))  # by its name
     assert entries(tmp_path) == ["rec"]
 
 
@@ -95,14 +79,6 @@ def test_files_take_the_places_of_others(tmp_path: Path) -> None:
     move_files(tmp_path / "new", tmp_path / "old")
     found = {path.relative_to(tmp_path / "old"): path.read_text() for path in (tmp_path / "old").rglob("?")}
     assert found == {Path("a"): "2", Path("in/b"): "2", Path("c"): "1"}
-
-
-def test_an_empty_folder_is_taken(tmp_path: Path) -> None:
-    out = tmp_path / "rec"
-    out.mkdir()
-    with output_folder(out, made_by="test") as temporary:
-        (temporary / "one").write_text("one")
-    assert (out / "one").is_file()
 
 
 def test_a_folder_where_a_file_should_go(tmp_path: Path) -> None:
@@ -159,53 +135,36 @@ def test_a_second_writer_is_refused(tmp_path: Path) -> None:
 WRITER = """
 import sys, time
 from pathlib import Path
-from tossid.outputs import output_file
-with output_file(Path(sys.argv[1])) as temporary:
-    temporary.write_text("half")
+from tossid.outputs import output_file, output_folder
+out = Path(sys.argv[1])
+with output_file(out) if out.suffix else output_folder(out, made_by="test") as temporary:
+    (temporary if out.suffix else temporary / "half").write_text("half")
     print("writing", flush=True)
-    time.sleep(60)
+    time.sleep(float(sys.argv[2]))
+    (temporary if out.suffix else temporary / "whole").write_text("whole" * 1000)
 """
 
 
-@pytest.mark.parametrize(("number", "left"), [(signal.SIGINT, 1), (signal.SIGKILL, 3)])
-def test_a_killed_writer_leaves_the_earlier_file(tmp_path: Path, number: signal.Signals, left: int) -> None:
-    out = tmp_path / "a.h5"
-    out.write_text("old")
-    with subprocess.Popen(
-        [sys.executable, "-c", WRITER, str(out)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    ) as writer:
+@pytest.mark.parametrize(
+    ("name", "number", "left"),
+    [("a.h5", signal.SIGINT, 1), ("a.h5", signal.SIGKILL, 3), ("rec", signal.SIGKILL, 3)],
+)
+def test_a_killed_writer_leaves_what_was_there(tmp_path: Path, name: str, number: signal.Signals, left: int) -> None:
+    out = tmp_path / name
+    write(out, "old")
+    words = [sys.executable, "-c", WRITER, str(out), "60"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as writer:
         assert writer.stdout is not None
         assert writer.stdout.readline() == b"writing\n"
-        with pytest.raises(OutputError, match=str(writer.pid)), output_file(out):
-            pass
+        with pytest.raises(OutputError, match=str(writer.pid)):
+            write(out, "second")
         writer.send_signal(number)
         writer.communicate(timeout=20)
-    assert out.read_text() == "old"
+    assert (out if out.suffix else out / "old").read_text() == "old"
     assert len(entries(tmp_path)) == left  # a killed process cannot tidy up
-    with output_file(out) as temporary:  # the next one does, and is not held back by a dead one's lock
-        temporary.write_text("new")
-    assert out.read_text() == "new"
-    assert entries(tmp_path) == ["a.h5"]
-
-
-def test_a_killed_writer_of_a_folder_is_tidied_up_after(tmp_path: Path) -> None:
-    script = WRITER.replace("output_file(Path(sys.argv[1]))", "output_folder(Path(sys.argv[1]), made_by='test')")
-    script = script.replace("import output_file", "import output_folder").replace(
-        'temporary.write_text("half")', '(temporary / "half").write_text("half")'
-    )
-    out = tmp_path / "rec"
-    with output_folder(out, made_by="test") as temporary:
-        (temporary / "one").write_text("one")
-    with subprocess.Popen([sys.executable, "-c", script, str(out)], stdout=subprocess.PIPE) as writer:
-        assert writer.stdout is not None
-        assert writer.stdout.readline() == b"writing\n"
-        writer.kill()
-    assert len(entries(tmp_path)) == 3
-    assert entries(out) == [outputs.MARKER, "one"]
-    with output_folder(out, made_by="test") as temporary:
-        (temporary / "two").write_text("two")
-    assert entries(out) == [outputs.MARKER, "two"]
-    assert entries(tmp_path) == ["rec"]
+    write(out, "new")  # the next one does, and is not held back by a dead one's lock
+    assert (out if out.suffix else out / "new").read_text() == "new"
+    assert entries(tmp_path) == [name]
 
 
 def test_what_a_killed_writer_leaves_goes_with_the_next(tmp_path: Path) -> None:
@@ -240,15 +199,8 @@ def test_a_rooms_word_about_the_temporary_names_the_output(tmp_path: Path) -> No
 
 
 def test_many_writers_leave_one_whole_file(tmp_path: Path) -> None:
-    script = WRITER.replace("time.sleep(60)", "time.sleep(0.02); temporary.write_text('whole' * 1000)")
-    deadline = time.monotonic() + 20
-    writers = [
-        subprocess.Popen(
-            [sys.executable, "-c", script, str(tmp_path / "a.h5")], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
-        for _ in range(4)
-    ]
-    codes = [writer.wait(timeout=max(1, deadline - time.monotonic())) for writer in writers]
-    assert 0 in codes
+    words = [sys.executable, "-c", WRITER, str(tmp_path / "a.h5"), "0.02"]
+    writers = [subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) for _ in range(4)]
+    assert 0 in [writer.wait(timeout=60) for writer in writers]
     assert (tmp_path / "a.h5").read_text() == "whole" * 1000
     assert entries(tmp_path) == ["a.h5"]
