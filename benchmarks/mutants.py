@@ -101,7 +101,7 @@ def files_that_test(path: Path) -> list[str]:
     for test in sorted((ROOT / "tests").rglob("test_*.py")):
         text, beside = test.read_text(), test.parent.relative_to(ROOT / "tests").parts == parts[1:-1]
         near = 4 * (test.stem == f"test_{parts[-1]}") + 3 * bool(module.search(text)) + bool(package.search(text))
-        near += beside
+        near += 2 * beside
         if near:
             found.append((-near, str(test.relative_to(ROOT))))
     return [name for _, name in sorted(found)[:MOST_FILES]]
