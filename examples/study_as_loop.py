@@ -16,6 +16,6 @@ test = dataset.split("test")
 print("tosses  gravity given  rotation error")
 for tosses in counts:
     for gravity in (9.81, 0.0):
-        model = tossid.train(dataset, model="cnrp", tosses=tosses, epochs=epochs, gravity=gravity, horizons=())
+        model = tossid.train(dataset, model="cnrp", tosses=tosses, epochs=epochs, gravity=gravity)
         error = tossid.evaluate(model, test).metrics["rotation_error_deg"]
         print(f"{tosses:6d} {gravity:8.2f} m/s² {error['mean']:10.1f} deg")

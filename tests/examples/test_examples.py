@@ -58,6 +58,14 @@ def test_study_as_loop(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_study_as_loop_shows_that_errors_fall_with_tosses(tmp_path: Path) -> None:
+    _, *rows = output_of("study_as_loop.py", tmp_path, "30", "2", "8").splitlines()
+    few, few_wrong, many, many_wrong = (float(row.split()[-2]) for row in rows)
+    assert many < 0.5 * few
+    assert many_wrong < 0.5 * few_wrong  # as with the right gravity: k_res repairs the wrong one
+
+
+@pytest.mark.slow
 def test_study_by_processes(tmp_path: Path) -> None:
     lines = output_of("study_by_processes.py", tmp_path, "1").splitlines()
     assert sum(line.startswith("done: ") for line in lines) == 4

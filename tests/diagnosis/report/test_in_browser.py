@@ -9,6 +9,7 @@ import shutil
 import subprocess
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,6 +17,7 @@ from tests.diagnosis.by_hand import with_place
 from tests.diagnosis.report.test_film import a_slide, with_film
 from tests.diagnosis.report.test_page import PATCH
 from tossid.diagnosis.report import report_html, report_pngs
+from tossid.diagnosis.report.film import STILLS
 from tossid.objects import ObjectModel
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -38,6 +40,7 @@ onload = () => {
       tables: [...page.querySelectorAll("table")].every(each => each.closest(".wide")),
       film: box("svg[aria-label]").width, card: box(".card").top, changes: box(".card .main").bottom,
       hidden: [...page.querySelectorAll("svg[aria-label]")].filter(each => !each.checkVisibility()).length,
+      stills: [...page.querySelectorAll("svg svg")].filter(each => each.checkVisibility()).length,
     };
   });
   document.title = JSON.stringify(found);
@@ -59,16 +62,22 @@ def chromium(folder: Path, *options: str) -> str:
     return run.stdout
 
 
-def test_nothing_is_wider_than_the_page_and_the_card_is_on_the_first_screen(page: str, tmp_path: Path) -> None:
+def measured(page: str, tmp_path: Path, *options: str) -> list[dict[str, Any]]:
     frames = "".join(
         f'<iframe width="{width}" height="{HEIGHT}" style="border: 0" srcdoc="{html.escape(page)}"></iframe>'
         for width in WIDTHS
     )
     harness = tmp_path / "harness.html"
     harness.write_text(f"<!doctype html><meta charset=utf-8>{MEASURE}{frames}", encoding="utf-8")
-    title = re.search(r"<title>(.*?)</title>", chromium(tmp_path, "--dump-dom", harness.as_uri()), re.DOTALL)
+    dom = chromium(tmp_path, *options, "--dump-dom", harness.as_uri())
+    title = re.search(r"<title>(.*?)</title>", dom, re.DOTALL)
     assert title is not None
-    for width, found in zip(WIDTHS, json.loads(html.unescape(title[1])), strict=True):
+    found: list[dict[str, Any]] = json.loads(html.unescape(title[1]))
+    return found
+
+
+def test_nothing_is_wider_than_the_page_and_the_card_is_on_the_first_screen(page: str, tmp_path: Path) -> None:
+    for width, found in zip(WIDTHS, measured(page, tmp_path), strict=True):
         assert found["width"] == width
         assert found["scroll"] <= width
         assert found["wider"] == []
@@ -76,7 +85,12 @@ def test_nothing_is_wider_than_the_page_and_the_card_is_on_the_first_screen(page
         assert found["smallest"] >= 12
         assert found["film"] > 0.35 * width or width > 1000
         assert found["card"] < found["changes"] < HEIGHT
-        assert found["hidden"] == 2, "the stills are for paper"
+        assert (found["hidden"], found["stills"]) == (2, 0), "the stills are for paper"
+
+
+def test_readers_who_want_no_motion_see_all_stills(page: str, tmp_path: Path) -> None:
+    for found in measured(page, tmp_path, "--force-prefers-reduced-motion"):
+        assert (found["hidden"], found["stills"]) == (2, 2 * STILLS)
 
 
 def test_paper_has_the_details_and_the_patched_file(page: str, tmp_path: Path) -> None:
