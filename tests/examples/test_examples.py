@@ -88,6 +88,16 @@ def test_frames_to_report(tmp_path: Path) -> None:
     assert (tmp_path / "gap" / "gap.html").is_file()
 
 
+@pytest.mark.slow
+def test_the_two_faults_of_the_shipped_simulator_are_found() -> None:
+    dataset = tossid.ingest(EXAMPLES / "poses" / "tosses", source="tum", object="cube")
+    gap = tossid.diagnose(dataset, simulator=EXAMPLES / "poses" / "cube.xml")
+    assert set(gap.named) == {"friction", "com_offset"}
+    values = {(f.name, key): value for f in gap.found for key, value in f.parameters.items()}
+    for name, key, truth in (("friction", "mu", 0.3), ("com_offset", "x_m", 0.003), ("com_offset", "z_m", 0.004)):
+        assert values[name, key].value == pytest.approx(truth, rel=0.05)
+
+
 # ---------------------------------------------------------------- the notebook
 
 
