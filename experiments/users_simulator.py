@@ -31,7 +31,7 @@ from mujoco import rollout
 from numpy.typing import NDArray
 
 import tossid
-from tossid.diagnosis.likelihood.simulator_process import BatchFunction, Given
+from tossid.diagnosis.likelihood.simulator_process import BatchFunction
 from tossid.diagnosis.likelihood.users_world import UsersWorld
 from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.simulators import users_simulator
@@ -155,11 +155,10 @@ def run(
         dataset = tossid.synthesize("cube", tosses=tosses, seed=seed, engine=engine, effects=effects, noise=NOISE)
     except ConfigError as error:
         return {"case": name, "left_out": str(error)}
-    source, began = Given(users_function(engine, World(dataset.object))), (time.process_time(), _of_children())
+    source, began = users_function(engine, World(dataset.object)), (time.process_time(), _of_children())
     simulator = users_simulator(source, dataset.object, about=f"{engine.name} without the effect")
     found = tossid.diagnose(dataset, simulator, repeats=repeats, threads=1, without=without)
     assert isinstance(simulator.world, UsersWorld)
-    assert simulator.world.motions is not None
     simulator.world.motions.process.close()
     seconds = {"cpu_s": time.process_time() - began[0], "simulator_cpu_s": _of_children() - began[1]}
     rounded = {name: round(value, 1) for name, value in seconds.items()}

@@ -33,11 +33,11 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
     data = dataset_path(config.data)
     dataset, sha256 = read_dataset(data), file_sha256(data)
     simulator = _SIMULATORS[config.sim.name](config.sim, dataset.object)
-    task = prepare(dataset, simulator, settings=config, name=str(data))
-    for remark in task.remarks:
+    about = {"path": str(data), "sha256": sha256, "object": dataset.object.name}
+    task = prepare(dataset, simulator, settings=config, name=str(data), data=about)
+    for remark in task.about["remarks"]:
         console.warn(remark)
     folder = config.out or FOLDER / f"{_dataset_name(data)}-{config.sim.name}"
-    about = {"path": str(data), "sha256": sha256, "object": dataset.object.name}
     under_way = UnderWay(news=console.say)
     found: Diagnosis | None = None
     try:
@@ -49,7 +49,7 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
             task.gap_of_first(under_way)  # before the tracker, which takes a second to open
             with tracked_run(folder.name, config, command="diagnose") as tracked:
                 tracked.data(data, sha256, context="diagnosis")
-                found = replace(task.run(under_way), data=about)
+                found = task.run(under_way)
                 found.save(temporary)
                 tracked.metrics(found.metrics())
                 tracked.describe(f"The whole report is `gap.html`, under Artifacts.\n\n```\n{found}\n```")
@@ -60,13 +60,13 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
                     tracked.artifact(temporary / name)
             figures = sorted(path.name for path in (temporary / "figures").iterdir())
     except BaseException as error:
-        if under_way.so_far is None or not was_interrupted(error):
+        if under_way.first is None or not was_interrupted(error):
             raise
         found = None
     if found is None:  # out of the handler, so that an error here is no interrupt
-        raise Interrupted(_save_so_far(replace(task.known_so_far(under_way), data=about), folder, console))
+        raise Interrupted(_save_so_far(task.known_so_far(under_way), folder, console))
     for remark in found.remarks:
-        if remark not in task.remarks:
+        if remark not in task.about["remarks"]:
             console.say(remark)
     _say(found, folder, console)
     where = {_FILES[name]: str(folder / name) for name in written if _FILES[name]}

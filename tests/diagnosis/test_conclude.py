@@ -1,4 +1,4 @@
-"""What is concluded from a search and its judge, of tosses whose truth is known."""
+"""What is concluded from a search and its judge, or of one that is interrupted, of tosses whose truth is known."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ import pytest
 
 from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen, with_effect
-from tossid.diagnosis.conclude import explain
+from tossid.diagnosis.conclude import explain, known_so_far, report_gap
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.result import Diagnosis
+from tossid.diagnosis.under_way import UnderWay
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
@@ -78,3 +79,41 @@ def test_what_the_library_lacks_leaves_a_gap_without_a_name(cube: ObjectModel) -
     assert left.named == ()
     assert left.gap.after_impacts.share.value > 0.5
     assert {share.name for share in left.unexplained} & {"impact", "flight", "slide", "roll", "rest"}
+
+
+def test_an_interrupted_search_tells_the_gap_then_what_joined(cube: ObjectModel) -> None:
+    news: list[str] = []
+    shares: list[float] = []
+    tosses = seen(with_effect(cube, "friction", [0.3]), cube, 12, seed=1, frames=70)
+    few = tuple(EFFECTS[name] for name in ("gravity", "friction", "restitution"))
+    under_way = UnderWay(lambda what, share: shares.append(share), news.append)
+    problem = Problem(tosses, Hypothesis(World(cube)), library=few, under_way=under_way)
+    first = report_gap(problem)
+    early = known_so_far(under_way)
+    assert (early.verdict, early.findings, early.as_json()["complete"]) == ("incomplete", (), False)
+    assert early.gap.total.low > 1.5
+    assert "standard deviations" in news[0]
+    assert "takes about" in news[1]
+    assert shares == [0.0]
+
+    problem.search().run(first)
+    assert "next suspect: friction" in news
+    assert any(line.startswith("found so far: friction (mu 0.") for line in news)
+    later = known_so_far(under_way)
+    (found,) = later.findings
+    assert (found.verdict, later.named, later.candidates) == ("candidate", (), ("friction",))
+    assert found.parameters["mu"].low - 0.01 < 0.3 < found.parameters["mu"].high + 0.01
+    assert later.left.total.value < 0.7 * later.gap.total.value
+    assert later.change[0].stated == pytest.approx(0.18)
+    before, after = later.brings.position_pct()
+    assert after.value < 0.5 * before.value
+    assert later.brings.as_json()["took_no_part"] is False
+    # a search over fewer tosses, as of a fold, is reported and not kept
+    kept = under_way.present
+    problem.of(tosses[:6]).search().run()
+    assert under_way.present is kept
+    under_way.suspects = (("gravity", 3.0),)
+    assert known_so_far(under_way).as_json()["interrupted"]["suspects"] == [{"name": "gravity", "gain": 3.0}]
+    for _ in range(2):
+        under_way.say("the same")
+    assert news.count("the same") == 1

@@ -105,13 +105,13 @@ def test_many_tosses_are_drawn_from(dataset: Dataset) -> None:
 def test_tosses_are_chosen_by_settings(dataset: Dataset) -> None:
     def names(**keys: Any) -> tuple[list[str], list[str]]:
         task = prepare(dataset, settings=DiagnoseSettings(threads=1, **keys))
-        return [toss.name for toss in task.tosses], [toss.name for toss in task.unseen]
+        return [toss.name for toss in task.problem.tosses], [toss.name for toss in task.problem.unseen]
 
     assert names() == ([str(i) for i in range(9)], [])
     assert names(split="train") == ([str(i) for i in range(3, 9)], ["0", "1", "2"])
     assert names(skip=1, tosses=6) == ([str(i) for i in range(1, 7)], [])
     task = prepare(dataset, settings=DiagnoseSettings(split="train", threads=1), name="mine.h5")
-    assert task.tosses_of == "mine.h5, train split"
+    assert task.about["tosses_of"] == "mine.h5, train split"
 
 
 def test_a_copy_is_no_toss_of_its_own(dataset: Dataset) -> None:
@@ -121,12 +121,12 @@ def test_a_copy_is_no_toss_of_its_own(dataset: Dataset) -> None:
     held = replace(dataset, tosses=(*dataset.tosses, *turned))
     task = prepare(held, settings=DiagnoseSettings(split="train", threads=1))
     alone = prepare(dataset, settings=DiagnoseSettings(split="train", threads=1))
-    assert [toss.name for toss in task.tosses] == [toss.name for toss in alone.tosses]
-    assert [toss.name for toss in task.unseen] == [toss.name for toss in alone.unseen]
-    assert task.remarks[0].startswith(
+    assert [toss.name for toss in task.problem.tosses] == [toss.name for toss in alone.problem.tosses]
+    assert [toss.name for toss in task.problem.unseen] == [toss.name for toss in alone.problem.unseen]
+    assert task.about["remarks"][0].startswith(
         "Tosses left out: 1 of 8 are shorter than 11 frames, 1 of 8 are copies of others."
     )
-    assert task.remarks[1] == "1 of 4 unseen tosses left out: they are copies of others."
+    assert task.about["remarks"][1] == "1 of 4 unseen tosses left out: they are copies of others."
     three = replace(dataset, tosses=(*dataset.tosses[3:5], turned[0]))
     with pytest.raises(InputError, match="1 of 3 are copies of others"):
         prepare(three, settings=DiagnoseSettings(threads=1))
@@ -153,8 +153,10 @@ def test_two_recordings_in_one_dataset_are_said(dataset: Dataset) -> None:
     )
     task = prepare(replace(dataset, order=order), settings=DiagnoseSettings(threads=1))
     said = f"Two recordings: tosses {names[0]} to {names[3]} stand in a world tilted by 2.29°"
-    assert task.remarks[-1].startswith(said)
-    assert not any("recordings" in remark for remark in prepare(dataset, settings=DiagnoseSettings(threads=1)).remarks)
+    assert task.about["remarks"][-1].startswith(said)
+    assert not any(
+        "recordings" in remark for remark in prepare(dataset, settings=DiagnoseSettings(threads=1)).about["remarks"]
+    )
 
 
 def test_recordings_that_were_turned_are_said(cube: ObjectModel) -> None:
@@ -162,7 +164,7 @@ def test_recordings_that_were_turned_are_said(cube: ObjectModel) -> None:
 
     def remarks(tracks: list[PoseTrack]) -> tuple[str, ...]:
         dataset = Dataset(cube, tuple(tosses_from_tracks(tracks, cube)), 148.0, "made", {})
-        return prepare(dataset, settings=DiagnoseSettings(threads=1)).remarks
+        return prepare(dataset, settings=DiagnoseSettings(threads=1)).about["remarks"]
 
     (said,) = [remark for remark in remarks(as_published(thrown)) if "turned about the vertical" in remark]
     assert "resting faces lean by 0." in said
@@ -201,7 +203,7 @@ def test_what_is_known_is_kept_when_it_is_interrupted(dataset: Dataset, cube: Ob
         task.run(under_way)
     known = task.known_so_far(under_way)
     assert (known.verdict, known.named, known.candidates) == ("incomplete", (), ("friction",))
-    assert known.tosses_of == task.tosses_of
+    assert known.tosses_of == task.about["tosses_of"]
     kept = json.loads((known.save(tmp_path / "gap") / "gap.json").read_text())
     assert kept["complete"] is False
     assert kept["interrupted"]["during"].startswith("the search repeated")

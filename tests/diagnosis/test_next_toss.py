@@ -11,8 +11,9 @@ from tests.diagnosis.by_hand import EFFECTS, hypothesis
 from tossid.diagnosis.inference.hypothesis import ContactLaw
 from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.likelihood.engine_discrepancy import Engine
+from tossid.diagnosis.likelihood.step_changes import State
 from tossid.diagnosis.likelihood.windows import make_windows
-from tossid.diagnosis.next_toss import Releases, draw_releases, next_toss, separations
+from tossid.diagnosis.next_toss import draw_releases, next_toss, separations
 from tossid.motion import lowest_corner
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
@@ -77,7 +78,7 @@ def test_magnus_shows_with_spin_across_the_velocity_only(cube: ObjectModel, toss
     q = np.tile([0.0, 0.0, 1.5, 1.0, 0.0, 0.0, 0.0], (3, 1))
     v = np.zeros((3, 6))
     v[1, 3], v[2, 5] = 20.0, 20.0  # it falls: spin about a horizontal axis is across, about the vertical along
-    still, across, along = separations(rivals, Releases(q, v), tosses, 60, sample_of(tosses, cube))
+    still, across, along = separations(rivals, State(q, v), tosses, 60, sample_of(tosses, cube))
     assert across > 10
     assert along < 1e-3 * across
     assert still < 1e-6
@@ -88,7 +89,7 @@ def test_a_separation_is_what_a_fit_would_see(cube: ObjectModel, tosses: list[To
     force, n, dt, sigma = 0.002, 20, 1 / 148, 1.5e-4
     rivals = [hypothesis(cube), hypothesis(cube, uniform_force=[force, 0.0, 0.0])]
     q = np.array([[0.0, 0.0, 1.5, 1.0, 0.0, 0.0, 0.0]])
-    found = float(separations(rivals, Releases(q, np.zeros((1, 6))), tosses, n, sample_of(tosses, cube))[0])
+    found = float(separations(rivals, State(q, np.zeros((1, 6))), tosses, n, sample_of(tosses, cube))[0])
     t = dt * np.arange(1, n + 1)
     c = 0.5 * force / 0.37 * t**2
     S = np.stack([np.ones(n), t], axis=1)
@@ -102,7 +103,7 @@ def test_what_a_refit_takes_back_does_not_separate(cube: ObjectModel, tosses: li
     q, v = np.array([[0.0, 0.0, 1.5, 1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 6))
     rivals = [hypothesis(cube, uniform_force=[0.01, 0.0, 0.0]), hypothesis(cube, magnus=[0.0])]
     by_eight, by_one = (
-        float(separations(rivals, Releases(q, v), some, 60, sample_of(some, cube))[0]) for some in (tosses, tosses[:1])
+        float(separations(rivals, State(q, v), some, 60, sample_of(some, cube))[0]) for some in (tosses, tosses[:1])
     )
     assert 0.5 * by_eight < by_one < 0.95 * by_eight
 
@@ -118,7 +119,7 @@ def test_the_best_release_beats_a_usual_toss(cube: ObjectModel, tosses: list[Tos
     ]
     assert named == ["friction", "velocity_friction"]  # what both have is not said
     release = found["release"]
-    again = Releases(
+    again = State(
         np.array([release["position_m"] + release["attitude_wxyz"]]),
         np.array([release["velocity_ms"] + release["spin_body_rads"]]),
     )

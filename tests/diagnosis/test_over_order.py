@@ -96,6 +96,19 @@ def test_what_was_undone_is_said(bumped: Undone, cube: ObjectModel) -> None:
     assert "; tosses t10 to t20: " in text
 
 
+def test_a_step_is_fitted_beside_what_all_tosses_have(cube: ObjectModel) -> None:
+    """Fitted alone, it would take half a milliradian of what the centre of mass does."""
+    same = EFFECTS["com_offset"].at(with_effect(cube, "friction", [0.26]), np.array([0.004, 0.0, -0.004]))
+    tilted = EFFECTS["world_tilt"].at(same, np.array([0.03, -0.02]))
+    library = tuple(EFFECTS[name] for name in ("world_tilt", "friction", "length_scale", "uniform_force", "com_offset"))
+    tosses = tosses_of([same] * 8 + [tilted] * 8, cube)
+    undone = without_changes(Problem(tosses, Hypothesis(World(cube)), library=library, sessions=("t8",)).in_order())
+    (change,) = undone.changes
+    assert set(undone.found.hypothesis.names) == {"com_offset", "friction"}
+    np.testing.assert_allclose(change.values[0], 0.0, atol=2e-4)
+    np.testing.assert_allclose(change.values[-1], [0.03, -0.02], atol=2e-4)
+
+
 def test_friction_that_steps_is_left_and_said(cube: ObjectModel) -> None:
     tosses = tosses_of([World(cube)] * 7 + [with_effect(cube, "friction", [0.26])] * 7, cube)
     problem = Problem(tosses, Hypothesis(World(cube)), library=LIBRARY, sessions=("t7",)).in_order()
@@ -126,6 +139,13 @@ def test_what_all_tosses_have_of_an_effect_joins_its_change(cube: ObjectModel, m
     np.testing.assert_allclose(change.values[[0, -1], 0], [0.005, 0.017], atol=5e-4)
     assert [s.values["x_rad"].value for s in change.stretches] == pytest.approx([0.005, 0.017], abs=5e-4)
     assert undone.found.hypothesis.names == ()
+
+
+def test_tosses_come_in_the_order_of_their_recording(cube: ObjectModel) -> None:
+    a, b, c = tosses_of([World(cube)] * 3, cube, frames=8)
+    problem = Problem((c, a), Hypothesis(World(cube)), unseen=(b,), names=("t0", "t1", "t2")).in_order()
+    assert [toss.name for toss in problem.tosses] == ["t0", "t2"]
+    assert Problem((c, a), Hypothesis(World(cube)), unseen=(b,)).in_order().names == ("t2", "t0", "t1")
 
 
 def test_nothing_is_looked_at_where_tosses_are_few(cube: ObjectModel) -> None:

@@ -18,8 +18,8 @@ from tossid.diagnosis.inference.hypothesis import COULOMB, RELAXED, ROUTH, Hypot
 from tossid.diagnosis.patch.make import make_patch
 from tossid.diagnosis.simulators import (
     Simulator,
-    check_runs,
     check_same_object,
+    checked,
     moves,
     nominal,
     read_simulator,
@@ -30,6 +30,7 @@ from tossid.errors import InputError
 from tossid.objects import ObjectModel, load_object
 from tossid.physics.contact.law import Law
 from tossid.physics.effects import World
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 
 MJCF = """<mujoco model="mine">
   <option timestep="0.001" gravity="0.37 0 -9.7"/>
@@ -134,9 +135,9 @@ def test_what_is_no_simulator_is_refused(cube: ObjectModel, elbow: ObjectModel) 
 
 def test_a_world_that_diverges_is_refused(cube: ObjectModel) -> None:
     tosses = seen(World(cube), cube, 3, seed=1, frames=20)
-    assert check_runs(World(cube), tosses, where="mine") == []
+    assert checked(nominal(cube), tosses, DiagnoseSettings()) == (nominal(cube), [])
     with pytest.raises(InputError, match=r"diverges .* on 3 of 3 tosses, the first of them '0'"):
-        check_runs(World(cube.with_changes(inertia=-cube.inertia)), tosses, where="mine")
+        checked(nominal(cube.with_changes(inertia=-cube.inertia)), tosses, DiagnoseSettings())
 
 
 def test_noise_is_no_motion(cube: ObjectModel) -> None:
@@ -164,9 +165,20 @@ def test_a_scene_with_a_scan_is_diagnosed_as_it_is(tmp_path: Path, caplog: pytes
     np.testing.assert_allclose(patch.model.body_mass[1], 0.2)
 
 
-def test_a_scene_of_several_frictions_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        (
+            "</body>",
+            '<geom type="sphere" size="0.06" friction="0.4"/></body>',
+            r"meet .* friction 0\.25 and 0\.4, expected",
+        ),
+        (MJCF.splitlines()[3], "", "0 geoms to land on"),
+    ],
+    ids=["several frictions", "no ground"],
+)
+def test_a_scene_that_says_too_much_or_too_little_is_refused(tmp_path: Path, old: str, new: str, says: str) -> None:
     path = tmp_path / "mine.xml"
-    other = '<geom type="sphere" size="0.06" friction="0.4"/></body>'
-    path.write_text(MJCF.replace("</body>", other))
-    with pytest.raises(InputError, match=r"mine\.xml: its geoms meet .* with friction 0\.25 and 0\.4, expected"):
+    path.write_text(MJCF.replace(old, new))
+    with pytest.raises(InputError, match=says):
         world_of_mjcf(path, width=None)

@@ -87,6 +87,10 @@ def test_a_simulator_that_does_not_go_on_from_a_state_is_told_of(engine: Callabl
         q, _ = engine(q0, v0, n_steps, dt)
         return q, np.repeat(v0[:, None], n_steps + 1, axis=1)
 
-    said = [remark for remark in prepare(dataset, other_velocities).remarks if "does not go on from a state" in remark]
+    said = [
+        remark
+        for remark in prepare(dataset, other_velocities).about["remarks"]
+        if "does not go on from a state" in remark
+    ]
     assert len(said) == 1
-    assert not any("does not go on" in remark for remark in prepare(dataset, engine).remarks)
+    assert not any("does not go on" in remark for remark in prepare(dataset, engine).about["remarks"])

@@ -7,16 +7,19 @@ verdicts follow from one table (`inference.verdict`).
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from functools import partial
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.effect_findings import Judgement, alternatives, changes, hidden
-from tossid.diagnosis.findings import Felt, Gap
+from tossid.diagnosis.effect_findings import Judgement, alternatives, changes
+from tossid.diagnosis.findings import NOTHING, Felt, Finding
 from tossid.diagnosis.inference.brings import (
     Runs,
+    brings_of,
     felt_of_each,
     noise_limit,
     runs_in_tossid,
@@ -24,31 +27,24 @@ from tossid.diagnosis.inference.brings import (
     worsen,
 )
 from tossid.diagnosis.inference.evidence import Evidence
-from tossid.diagnosis.inference.final_values import SHIFTS, FinalValues, final_values
+from tossid.diagnosis.inference.final_values import SHIFTS, final_values
 from tossid.diagnosis.inference.found import Found
-from tossid.diagnosis.inference.judge import (
-    Fold,
-    Frequencies,
-    closed_share,
-    cross_fit,
-    frequencies,
-    judged_by,
-    with_each_left_out,
-)
+from tossid.diagnosis.inference.judge import Fold, closed_share, cross_fit, frequencies, judged_by, with_each_left_out
+from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.inference.search import Search
 from tossid.diagnosis.inference.verdict import verdict_of_gap
 from tossid.diagnosis.likelihood.windows import Windows
 from tossid.diagnosis.localisation.corners import place_of
-from tossid.diagnosis.localisation.disagreement import SolverDisagreement, solver_disagreement
+from tossid.diagnosis.localisation.disagreement import solver_disagreement
 from tossid.diagnosis.localisation.gap import Rows, in_short, measure_gap, phases_left, rows_of
-from tossid.diagnosis.localisation.noise import Floor, noise_floor
+from tossid.diagnosis.localisation.noise import noise_floor
 from tossid.diagnosis.localisation.rollouts import measured_again, rolled_out
 from tossid.diagnosis.localisation.witnesses import witnesses
 from tossid.diagnosis.over_order import Undone, changes_left, findings_over_order, without_changes
 from tossid.diagnosis.plane import in_plane
 from tossid.diagnosis.problem import Problem
-from tossid.diagnosis.result import Diagnosis, Unseen
-from tossid.diagnosis.under_way import GAP, JUDGED, SEARCH
+from tossid.diagnosis.result import Diagnosis, Interruption, Unseen
+from tossid.diagnosis.under_way import GAP, JUDGED, SEARCH, UnderWay
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
@@ -56,6 +52,10 @@ Index = NDArray[np.int64]
 
 WITNESS_DRAWS = 4
 """Tosses that the found simulator makes of each first state, each with other noise, to measure witnesses alike."""
+COST = 12.0
+"""The time of a search over that of the first evidence: 5 to 30 on made and on real tosses."""
+MOST_SUSPECTS = 5
+"""Suspects of a diagnosis that is interrupted."""
 
 
 @dataclass(frozen=True)
@@ -93,10 +93,12 @@ def explain(problem: Problem, engine: Engine = Engine()) -> tuple[Diagnosis, Und
     recorded.under_way.say(
         f"the search finds {names}" + ("; its repeats judge that" if recorded.settings.repeats else "")
     )
-    made = _Concluded.of(recorded, first, undone, engine).diagnosis()
+    made = _concluded(recorded, first, undone, engine)
     if plane is not None:
+        world, nothing = problem.stated.world(), {"gain": 0.0, "p_value": 1.0}
         not_shown = (e for e in problem.library if e.name in plane.effects)
-        made = replace(made, plane=plane, findings=(*made.findings, *map(hidden, not_shown)))
+        hidden = (Finding.of(e, "not_identifiable", world, nothing) for e in not_shown)
+        made = replace(made, plane=plane, findings=(*made.findings, *hidden))
     return replace(made, seconds=time.perf_counter() - started), undone
 
 
@@ -125,10 +127,6 @@ def report_gap(problem: Problem, *, of_all: int | None = None) -> Evidence:
     return first
 
 
-COST = 12.0
-"""The time of a search over that of the first evidence: 5 to 30 on made and on real tosses."""
-
-
 def _rounded(seconds: float) -> str:
     """A time in words, to one digit."""
     if seconds < 90:
@@ -136,160 +134,98 @@ def _rounded(seconds: float) -> str:
     return f"{seconds / 60:.0f} minutes"
 
 
-@dataclass(frozen=True)
-class _Concluded:
-    """All that is known when a search has ended and has been judged.
+def _concluded(recorded: Problem, first: Evidence, undone: Undone, engine: Engine) -> Diagnosis:
+    """What follows from a search: of the tosses as recorded, and without the changes of their recording."""
+    problem, under_way, repeats = undone.problem, undone.problem.under_way, recorded.settings.repeats
+    tosses, sample, threads, seed = problem.tosses, problem.sample, problem.n_threads, problem.seed
+    final = final_values(undone.found, map(problem.shifted, SHIFTS))
+    found, h, numbers = final.found, final.found.hypothesis, np.arange(len(tosses))
+    floor, searched = noise_floor(sample.windows), undone.found.fit.evidence  # with the time steps of `first`
+    folds = _folds(problem, found, repeats)
+    frequency = frequencies(folds, seed=seed) if repeats else None
+    under_way("whole tosses", JUDGED)
+    whole = partial(whole_tosses, stated=problem.stated, engine=engine.name, runs=engine.runs, n_threads=threads)
+    brings = whole(folds, tosses, unseen=repeats > 0)
+    before = rows_of([(first, numbers)], noise_floor(recorded.sample.windows))
+    between = rows_of([(fold.before, fold.held) for fold in folds], floor)
+    after = rows_of([(fold.after, fold.held) for fold in folds], floor)
+    gap, left = (measure_gap(*each, floor) for each in ((recorded.tosses, before), (tosses, after)))
+    closed = closed_share(folds, floor.deviance)
+    solvers = None if h.law.engine.of_user else solver_disagreement(searched, seed=seed)
 
-    Attributes:
-        recorded: The problem with the tosses as they were recorded.
-        problem: The same without the changes of their recording.
-        undone: These changes, and what the search has found.
-        final: The same at the values that are reported.
-        floor: What noise leaves.
-        folds: Without which the search was repeated; one of all tosses where it was not judged.
-        judged: Whether it was.
-        frequency: How often effects are named; None where that is not known.
-        before: Rows of the simulator as it is stated, of the tosses as recorded.
-        between: The same without the changes of the recording.
-        after: With what was found.
-        engine: Where whole tosses are predicted.
-    """
+    def under_its_law() -> Rows:
+        """Of the stated simulator under the law of contact that was found, without effects."""
+        if h.law == problem.stated.law:
+            return between
+        return rows_of([(sample.evidence(replace(problem.stated, law=h.law)), numbers)], floor)
 
-    recorded: Problem
-    problem: Problem
-    undone: Undone
-    final: FinalValues
-    floor: Floor
-    folds: tuple[Fold, ...]
-    judged: bool
-    frequency: Frequencies | None
-    before: Rows
-    between: Rows
-    after: Rows
-    engine: Engine
-
-    @staticmethod
-    def of(recorded: Problem, first: Evidence, undone: Undone, engine: Engine) -> _Concluded:
-        problem, count = undone.problem, recorded.settings.repeats
-        floor = noise_floor(problem.sample.windows)
-        final = final_values(undone.found, map(problem.shifted, SHIFTS))
-        folds = _folds(problem, final.found, count)
-        all_tosses = np.arange(len(problem.tosses))
-        before = rows_of([(first, all_tosses)], noise_floor(recorded.sample.windows))
-        between = rows_of([(fold.before, fold.held) for fold in folds], floor)
-        after = rows_of([(fold.after, fold.held) for fold in folds], floor)
-        frequency = frequencies(folds, seed=problem.seed) if count else None
-        return _Concluded(
-            recorded, problem, undone, final, floor, folds, count > 0, frequency, before, between, after, engine
-        )
-
-    @property
-    def found(self) -> Found:
-        return self.final.found
-
-    def diagnosis(self) -> Diagnosis:
-        problem, found, under_way = self.problem, self.found, self.problem.under_way
-        under_way("whole tosses", JUDGED)
-        tosses, h, threads = problem.tosses, found.hypothesis, problem.n_threads
-        searched = self.undone.found.fit.evidence  # with the time steps of the stated simulator's evidence
-        brings = whole_tosses(
-            self.folds,
-            tosses,
-            problem.stated,
-            engine=self.engine.name,
-            runs=self.engine.runs,
-            unseen=self.judged,
-            n_threads=threads,
-        )
-        gap = measure_gap(self.recorded.tosses, self.before, self.floor)
-        left = measure_gap(tosses, self.after, self.floor)
-        closed = closed_share(self.folds, self.floor.deviance)
-        solvers = None if h.law.engine.of_user else solver_disagreement(searched, seed=problem.seed)
-        judgement = Judgement(
-            found,
-            self.folds,
-            self.frequency,
-            self.between,
-            self.after,
-            self.floor.deviance,
-            felt_of_each(h, tosses, problem.sample),
-            worsen(self.folds, tosses, h.names, threads),
-            self.final.variance,
-            beyond_solvers=solvers is None or self.under_its_law().rms > solvers.gap,
-        )
-        findings = judgement.findings(problem.library)
-        under_way("what is left", 0.92)
-        over = findings_over_order(self.undone, self.recorded.tosses)
-        changing = {f.name for f in over}
-        findings = (*over, *(f for f in findings if f.name not in changing))
-        verdict = verdict_of_gap(
-            found=any(f.matters for f in findings),
-            sure=any(f.matters and f.verdict != "candidate" for f in findings),
-            gap_over_floor=gap.total.value / gap.noise_floor,
-            felt=brings.is_felt(self.noise_limit()),
-            closed=closed,
-            within_solvers=_within(solvers, left),
-        )
-        runs = rolled_out(tosses, h.world(), problem.sample.windows, n_threads=threads)
-        made = measured_again(tosses, runs, draws=WITNESS_DRAWS, seed=problem.seed)
-        return Diagnosis(
-            verdict=verdict,
-            gap=gap,
-            left=left,
-            findings=findings,
-            change=changes(findings),
-            brings=brings,
-            gap_closed=closed,
-            unexplained=phases_left(self.before, self.after),
-            hypothesis=h,
-            n_tosses=len(tosses),
-            seconds=0.0,
-            folds=len(self.folds) if self.judged else 0,
-            draws=0 if self.frequency is None else len(self.frequency.drawn),
-            probability_none=None if self.frequency is None else self.frequency.none,
-            alternatives=alternatives(found),
-            place=place_of(tosses, found.first, searched if h.effects else None, seed=problem.seed),
-            witnesses=witnesses(tosses, problem.stated.world(), h.world(), made),
-            disagreement=solvers,
-            noise=self.floor.noise,
-            unseen=self.unseen(),
-            changes_left=changes_left(self.undone, self.recorded.tosses),
-            tosses=tuple(toss.name for toss in self.recorded.tosses),
-            places=np.array([toss.q[-1, :2] for toss in self.recorded.tosses]),
-        )
-
-    def under_its_law(self) -> Rows:
-        """Rows of the stated simulator under the law of contact that was found, without effects."""
-        problem, law = self.problem, self.found.hypothesis.law
-        if law == problem.stated.law:
-            return self.between
-        evidence = problem.sample.evidence(replace(problem.stated, law=law))
-        return rows_of([(evidence, np.arange(len(problem.tosses)))], self.floor)
-
-    def noise_limit(self) -> Felt:
-        """What noise alone makes of whole tosses, as what was found predicts them."""
-        problem, count = self.problem, len(self.folds) if self.judged else 0
-        if not self.found.hypothesis.effects:
-            return Felt(0.0, 0.0)
-        return noise_limit(self.found, problem.tosses, problem.sample, folds=count, seed=problem.seed)
-
-    def unseen(self) -> Unseen | None:
-        """What was found, on tosses that nothing has seen. They decide nothing."""
-        problem, found = self.problem, self.found
-        if not problem.unseen:
-            return None
+    judgement = Judgement(
+        found,
+        folds,
+        frequency,
+        between,
+        after,
+        floor.deviance,
+        felt_of_each(h, tosses, sample),
+        worsen(folds, tosses, h.names, threads),
+        final.variance,
+        beyond_solvers=solvers is None or under_its_law().rms > solvers.gap,
+    )
+    constant = judgement.findings(problem.library)
+    under_way("what is left", 0.92)
+    over = findings_over_order(undone, recorded.tosses)
+    changing = {f.name for f in over}
+    findings = (*over, *(f for f in constant if f.name not in changing))
+    noise = (
+        noise_limit(found, tosses, sample, folds=len(folds) if repeats else 0, seed=seed)
+        if h.effects
+        else Felt(0.0, 0.0)
+    )
+    verdict = verdict_of_gap(
+        found=any(f.matters for f in findings),
+        sure=any(f.matters and f.verdict != "candidate" for f in findings),
+        gap_over_floor=gap.total.value / gap.noise_floor,
+        felt=brings.is_felt(noise),
+        closed=closed,
+        within_solvers=solvers is not None and left.total.value <= solvers.gap,
+    )
+    unseen = None
+    if problem.unseen:  # which decide nothing
         held = np.arange(len(problem.unseen))
-        windows = problem.windows_of(problem.unseen, problem.tosses)
-        fold = judged_by(held, windows, problem.search(), found)
-        brings = whole_tosses(
-            [fold],
-            problem.unseen,
-            problem.stated,
-            engine=self.engine.name,
-            runs=self.engine.runs,
-            n_threads=problem.n_threads,
-        )
-        return Unseen(len(held), closed_share([fold], self.floor.deviance), brings)
+        fold = judged_by(held, problem.windows_of(problem.unseen, tosses), problem.search(), found)
+        unseen = Unseen(len(held), closed_share([fold], floor.deviance), whole([fold], problem.unseen))
+    runs = rolled_out(tosses, h.world(), sample.windows, n_threads=threads)
+    made = measured_again(tosses, runs, draws=WITNESS_DRAWS, seed=seed)
+    return Diagnosis(
+        verdict=verdict,
+        gap=gap,
+        left=left,
+        findings=findings,
+        change=changes(findings),
+        brings=brings,
+        gap_closed=closed,
+        unexplained=phases_left(before, after),
+        hypothesis=h,
+        n_tosses=len(tosses),
+        seconds=0.0,
+        folds=len(folds) if repeats else 0,
+        draws=0 if frequency is None else len(frequency.drawn),
+        probability_none=None if frequency is None else frequency.none,
+        alternatives=alternatives(found),
+        place=place_of(tosses, found.first, searched if h.effects else None, seed=seed),
+        witnesses=witnesses(tosses, problem.stated.world(), h.world(), made),
+        disagreement=solvers,
+        noise=floor.noise,
+        unseen=unseen,
+        changes_left=changes_left(undone, recorded.tosses),
+        **_of_tosses(recorded.tosses),
+    )
+
+
+def _of_tosses(tosses: Sequence[Toss]) -> dict[str, Any]:
+    """A diagnosis's names of tosses, and where each ends."""
+    places = np.array([toss.q[-1, :2] for toss in tosses])
+    return {"tosses": tuple(toss.name for toss in tosses), "places": places}
 
 
 def _folds(problem: Problem, found: Found, count: int) -> tuple[Fold, ...]:
@@ -318,6 +254,43 @@ def _folds(problem: Problem, found: Found, count: int) -> tuple[Fold, ...]:
     return tuple(folds)
 
 
-def _within(solvers: SolverDisagreement | None, left: Gap) -> bool:
-    """Whether a gap is no larger than that of another exact solver of the same body."""
-    return solvers is not None and left.total.value <= solvers.gap
+def known_so_far(under_way: UnderWay) -> Diagnosis:
+    """What is known when a diagnosis is interrupted, as one that says that it is not complete.
+
+    Effects that joined are candidates. Values were fitted to the tosses that they predict, which the report says.
+
+    Args:
+        under_way: What is known: the gap at least.
+    """
+    tosses, first, present = under_way.tosses, under_way.first, under_way.present
+    assert first is not None
+    h, stated = first.hypothesis if present is None else present.hypothesis, first.hypothesis
+    whole = present is not None and len(present.evidence.windows.toss) == len(first.windows.toss)
+    last = present.evidence if present is not None and whole else first  # a round of flight has flight alone
+    floor, sample = noise_floor(first.windows), Sample(first.windows, len(tosses), first.n_threads)
+    gap, left = (measure_gap(tosses, rows_of([(each, np.arange(len(tosses)))], floor), floor) for each in (first, last))
+    felt, n = felt_of_each(h, tosses, sample), {"n_tosses": float(len(tosses))}
+    findings = []
+    for effect in h.effects:
+        known = present is not None and present.own(effect.name)
+        values = present.intervals(effect.name) if present is not None and known else {}
+        one = Finding.of(effect, "candidate", stated.world(), n, parameters=values, felt=felt[effect.name])
+        findings.append(one)
+    was = runs_in_tossid(stated, tosses, sample)
+    now = runs_in_tossid(h, tosses, sample) if h.effects else was
+    return Diagnosis(
+        verdict="incomplete",
+        gap=gap,
+        left=left,
+        findings=tuple(findings),
+        change=changes(findings),
+        brings=brings_of(tosses, was, now, width=h.base.object.width, unseen=False),
+        gap_closed=NOTHING,
+        unexplained=(),
+        hypothesis=h,
+        n_tosses=len(tosses),
+        seconds=time.perf_counter() - under_way.since,
+        noise=floor.noise,
+        interruption=Interruption(under_way.stage, under_way.suspects[:MOST_SUSPECTS]),
+        **_of_tosses(tosses),
+    )

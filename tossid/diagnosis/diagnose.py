@@ -3,36 +3,28 @@
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tossid.diagnosis.conclude import Engine, explain, report_gap
+from tossid.diagnosis.conclude import Engine, explain, known_so_far, report_gap
 from tossid.diagnosis.correction import have_own_heights
 from tossid.diagnosis.inference.hypothesis import Hypothesis
-from tossid.diagnosis.interrupted import known_so_far
 from tossid.diagnosis.learned import learned_forces
 from tossid.diagnosis.next_toss import next_toss
 from tossid.diagnosis.over_order import Undone, corrections
 from tossid.diagnosis.patch.make import make_patch
 from tossid.diagnosis.patch.rerun import rerun, runs_in_mujoco
-from tossid.diagnosis.problem import Problem, session_starts
+from tossid.diagnosis.problem import Problem
 from tossid.diagnosis.release import bound_frames
 from tossid.diagnosis.remarks import remarks_on
 from tossid.diagnosis.result import Diagnosis, Interruption
-from tossid.diagnosis.simulators import (
-    Simulator,
-    check_runs,
-    check_same_object,
-    moves,
-    read_simulator,
-    with_nearest_contact,
-)
+from tossid.diagnosis.simulators import Simulator, check_same_object, checked, moves, read_simulator
 from tossid.diagnosis.under_way import UnderWay
 from tossid.errors import ConfigError, InputError, TossidError
 from tossid.motion.sessions.copies import find_copies
@@ -43,7 +35,7 @@ from tossid.physics.effects import Effect, effects_for
 from tossid.settings.changed import changed
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.store import Dataset
-from tossid.types import PoseTrack, Progress, RecordingOrder, Toss, silent
+from tossid.types import PoseTrack, Progress, Toss, silent
 
 _log = logging.getLogger(__name__)
 
@@ -51,6 +43,8 @@ MOST = 80
 """Tosses that take part where nobody says how many."""
 FEWEST_SHOWN, MOST_SHOWN = 3, 8
 """Tosses whose gap is reported first."""
+FEWEST = 3
+"""Tosses below which a gap has no interval."""
 SHORTEST = 11
 """Frames of a toss that can be predicted: half a window, and the first."""
 
@@ -91,28 +85,14 @@ class Task:
     """A diagnosis that has been checked, and not yet run.
 
     Attributes:
-        tosses: The tosses that are diagnosed.
-        unseen: Tosses of the test split, if others are diagnosed: rollouts of them are shown.
-        recorded: The dataset's object.
+        problem: Of all tosses that may take part.
         simulator: What is diagnosed.
-        library: The effects to choose from.
-        settings: How.
-        tosses_of: The tosses in words.
-        remarks: What was left out, and why.
-        order: The dataset's order of recording, None where it was not looked at.
-        names: Of all tosses of the dataset, in the order of their recording.
+        about: What the report says of the tosses: the `Diagnosis`'s fields `tosses_of`, `data`, `remarks`, `order`.
     """
 
-    tosses: tuple[Toss, ...]
-    unseen: tuple[Toss, ...]
-    recorded: ObjectModel
+    problem: Problem
     simulator: Simulator
-    library: tuple[Effect, ...]
-    settings: DiagnoseSettings
-    tosses_of: str
-    remarks: tuple[str, ...]
-    order: RecordingOrder | None = None
-    names: tuple[str, ...] = ()
+    about: dict[str, Any]
 
     def gap_of_first(self, under_way: UnderWay) -> None:
         """Report the gap of the first few tosses, seconds before `run` reports that of all it searches.
@@ -120,10 +100,11 @@ class Task:
         Args:
             under_way: Given the gap.
         """
-        few = self.tosses[: min(len(self.tosses) // 3, MOST_SHOWN)]
+        tosses = self.problem.tosses
+        few = tosses[: min(len(tosses) // 3, MOST_SHOWN)]
         if len(few) >= FEWEST_SHOWN:
             with suppress(InputError):  # these may be too short; of all, the whole search says it
-                report_gap(self._problem(few, under_way), of_all=len(self.tosses))
+                report_gap(replace(self.problem, tosses=few, under_way=under_way), of_all=len(tosses))
 
     def run(self, under_way: UnderWay | None = None) -> Diagnosis:
         """The diagnosis.
@@ -132,28 +113,24 @@ class Task:
             under_way: Given what is known as soon as it is.
         """
         under_way = under_way or UnderWay()
-        tosses, remarks = searched(self.tosses, self.settings)
-        problem = self._problem(tosses, under_way)
-        found, undone = explain(problem, self.engine())
+        tosses, remarks = searched(self.problem.tosses, self.problem.settings)
+        found, undone = explain(replace(self.problem, tosses=tosses, under_way=under_way), self.engine())
         under_way.answer = found
         under_way("next toss and patch", 0.95)
         own = undone.problem
-        rng = np.random.default_rng(self.settings.seed)
+        rng = np.random.default_rng(own.seed)
         following = next_toss(found.hypothesis, found.alternatives, own.tosses, own.sample, rng=rng)
-        patch = _patch(found, self, undone)
+        patch = _patch(found, self.simulator.mjcf, undone)
         under_way("done", 1.0)
         asked = self.simulator.frames
         return replace(
             found,
             passes=None if asked is None else asked / float(own.sample.windows.steps.sum()),
             simulator=self.simulator,
-            tosses_of=self.tosses_of,
-            data={"object": self.recorded.name},
             next_toss=following,
             patch=patch,
-            remarks=(*remarks, *self.remarks, *remarks_on(found, self.simulator)),
-            order=self.order,
-            learned=learned_forces(self.simulator.world, self.tosses, self.library),
+            learned=learned_forces(self.simulator.world, self.problem.tosses, self.problem.library),
+            **{**self.about, "remarks": (*remarks, *self.about["remarks"], *remarks_on(found, self.simulator))},
         )
 
     def engine(self) -> Engine:
@@ -162,41 +139,15 @@ class Task:
             return Engine("mujoco", runs_in_mujoco(self.simulator.mjcf))
         return Engine("python" if self.simulator.kind == "python" else "tossid")
 
-    def _problem(self, tosses: Sequence[Toss], under_way: UnderWay) -> Problem:
-        """Of some of the tosses."""
-        return Problem(
-            tosses,
-            Hypothesis(self.simulator.world, self.simulator.law),
-            laws=self.simulator.laws,
-            library=self.library,
-            n_threads=_threads(self.settings),
-            seed=self.settings.seed,
-            unseen=self.unseen,
-            names=self.names,
-            sessions=session_starts(self.order),
-            own_heights=have_own_heights(tosses, self.recorded, self.order),
-            under_way=under_way,
-            settings=self.settings,
-        )
-
     def known_so_far(self, under_way: UnderWay) -> Diagnosis:
         """What a run that was interrupted knew.
 
         Args:
             under_way: What `run` was given. It must know the gap.
         """
-        assert under_way.so_far is not None
-        answer, stage = under_way.answer, under_way.stage
-        known = known_so_far(under_way.so_far, stage) if answer is None else answer
-        return replace(
-            known,
-            interruption=known.interruption or Interruption(stage),
-            simulator=self.simulator,
-            tosses_of=self.tosses_of,
-            data={"object": self.recorded.name},
-            remarks=self.remarks,
-            order=self.order,
-        )
+        known = under_way.answer or known_so_far(under_way)
+        stopped = known.interruption or Interruption(under_way.stage)
+        return replace(known, interruption=stopped, simulator=self.simulator, **self.about)
 
 
 def searched(tosses: Sequence[Toss], settings: DiagnoseSettings) -> tuple[tuple[Toss, ...], tuple[str, ...]]:
@@ -222,6 +173,7 @@ def prepare(
     *,
     settings: DiagnoseSettings = DiagnoseSettings(),
     name: str | None = None,
+    data: dict[str, Any] | None = None,
 ) -> Task:
     """The tosses, the simulator and the library of a diagnosis, checked; `diagnose` runs what this returns.
 
@@ -230,6 +182,7 @@ def prepare(
         simulator: As of `diagnose`.
         settings: Which tosses, and how.
         name: What the dataset is called in errors and in the report.
+        data: gap.json's "data".
 
     Raises:
         InputError: Too few tosses can be used, or the simulator is of another object, or diverges.
@@ -241,8 +194,8 @@ def prepare(
     tosses_of = _in_words(name or f"dataset of '{recorded.name}'", settings)
     chosen = tuple(dataset.tosses) if settings.split is None else dataset.of_split(settings.split)
     last = None if settings.tosses is None else settings.skip + settings.tosses
-    tosses, remarks = _usable(chosen[settings.skip : last], tosses_of, settings)
-    moving = () if settings.split in (None, "test") else _moving(dataset.of_split("test"), settings)[1]
+    tosses, remarks = _usable(chosen[settings.skip : last], tosses_of)
+    moving = () if settings.split in (None, "test") else _moving(dataset.of_split("test"))[1]
     unseen = tuple(toss for toss in moving if toss.name not in _copies((*tosses, *moving)))
     if len(unseen) < len(moving):
         remarks += (f"{len(moving) - len(unseen)} of {len(moving)} unseen tosses left out: they are copies of others.",)
@@ -251,23 +204,34 @@ def prepare(
         tosses, unseen = (tuple(toss.frames(slice(held, None)) for toss in each) for each in (tosses, unseen))
         frames = "frame is" if held == 1 else f"{held} frames are"
         remarks += (f"The first {frames} left out of each toss: there the object was not in free flight yet.",)
-    check_same_object(judged.world, recorded, where=name or "the dataset", settings=settings.checks)
+    check_same_object(judged.world, recorded, where=name or "the dataset")
     if judged.reads:
         _log.info(f"{judged.mjcf}: {judged.reads}")
     apart = None if dataset.order is None else recordings_apart(dataset.order)
     if apart is not None:
         remarks += (f"{apart} No change of a simulator closes that part of the gap; 'tossid ingest' levels sessions.",)
-    lost = check_runs(judged.world, tosses, where=judged.about, n_threads=_threads(settings), settings=settings)
-    if lost:
-        remarks += (f"The simulator diverges on {len(lost)} of {len(tosses)} tosses: {', '.join(lost)}.",)
-    judged, of_states = with_nearest_contact(judged, tosses, settings)
-    remarks += tuple(of_states)
+    judged, said = checked(judged, tosses, settings)
+    remarks += tuple(said)
     # (the dataset's own order is that of its recording where none was looked for)
     names = tuple(toss.name for toss in dataset.tosses)
     if dataset.order is not None and set(names) <= set(dataset.order.names):
         names = dataset.order.names
     remarks += _turned((*tosses, *unseen), names, recorded)
-    return Task(tosses, unseen, recorded, judged, library, settings, tosses_of, remarks, dataset.order, names)
+    problem = Problem(
+        tosses,
+        Hypothesis(judged.world, judged.law),
+        laws=judged.laws,
+        library=library,
+        n_threads=settings.n_threads,
+        seed=settings.seed,
+        unseen=unseen,
+        names=names,
+        sessions=() if dataset.order is None else tuple(each.first for each in dataset.order.sessions[1:]),
+        own_heights=have_own_heights(tosses, recorded, dataset.order),
+        settings=settings,
+    )
+    about = {"tosses_of": tosses_of, "data": data or {"object": recorded.name}}
+    return Task(problem, judged, {**about, "remarks": remarks, "order": dataset.order})
 
 
 def _turned(tosses: Sequence[Toss], names: Sequence[str], model: ObjectModel) -> tuple[str, ...]:
@@ -281,10 +245,6 @@ def _turned(tosses: Sequence[Toss], names: Sequence[str], model: ObjectModel) ->
         f"{said}. A tilt of the tracker's world then looks like a force that follows the throw, such as that of a "
         "turning frame; 'tossid ingest turned=undo' turns recordings back.",
     )
-
-
-def _threads(settings: DiagnoseSettings) -> int:
-    return settings.threads or os.cpu_count() or 1
 
 
 def _library(recorded: ObjectModel, without: Sequence[str]) -> tuple[Effect, ...]:
@@ -306,10 +266,10 @@ def _in_words(name: str, settings: DiagnoseSettings) -> str:
     return f"{name}, {', '.join(which)}" if which else name
 
 
-def _moving(tosses: Sequence[Toss], settings: DiagnoseSettings) -> tuple[tuple[Toss, ...], tuple[Toss, ...]]:
+def _moving(tosses: Sequence[Toss]) -> tuple[tuple[Toss, ...], tuple[Toss, ...]]:
     """Tosses that are half a window long, and those of them in which anything moves."""
     long = tuple(toss for toss in tosses if len(toss) >= SHORTEST)
-    return long, tuple(toss for toss in long if moves(toss, settings.checks))
+    return long, tuple(toss for toss in long if moves(toss))
 
 
 def _copies(tosses: Sequence[Toss]) -> frozenset[str]:
@@ -317,9 +277,7 @@ def _copies(tosses: Sequence[Toss]) -> frozenset[str]:
     return frozenset(copy.name for copy in find_copies(tosses))
 
 
-def _usable(
-    tosses: Sequence[Toss], tosses_of: str, settings: DiagnoseSettings
-) -> tuple[tuple[Toss, ...], tuple[str, ...]]:
+def _usable(tosses: Sequence[Toss], tosses_of: str) -> tuple[tuple[Toss, ...], tuple[str, ...]]:
     """The tosses that are no copies, can be predicted, and in which anything moves, and a remark on the others.
 
     A copy is no toss of its own: folds, tests and intervals are over tosses.
@@ -327,29 +285,27 @@ def _usable(
     Raises:
         InputError: They are too few.
     """
-    long, moving = _moving(tosses, settings)
+    n, (long, moving) = len(tosses), _moving(tosses)
     copies = _copies(moving)
     kept = tuple(toss for toss in moving if toss.name not in copies)
-    why = []
-    if len(long) < len(tosses):
-        why.append(f"{len(tosses) - len(long)} of {len(tosses)} are shorter than {SHORTEST} frames")
-    if len(moving) < len(long):
-        why.append(f"in {len(long) - len(moving)} of {len(tosses)} nothing moves")
-    if copies:
-        why.append(f"{len(copies)} of {len(tosses)} are copies of others")
-    if len(kept) < settings.checks.fewest_tosses:
-        which = f" that serve ({', '.join(why)})" if why else ""
+    out = {
+        f"{n - len(long)} of {n} are shorter than {SHORTEST} frames": n - len(long),
+        f"in {len(long) - len(moving)} of {n} nothing moves": len(long) - len(moving),
+        f"{len(copies)} of {n} are copies of others": len(copies),
+    }
+    why = ", ".join(words for words, count in out.items() if count)
+    if len(kept) < FEWEST:
+        which = f" that serve ({why})" if why else ""
         raise InputError(
-            f"{tosses_of}: has {len(kept)} tosses{which}; a diagnosis needs at least {settings.checks.fewest_tosses}, "
-            "for a gap with an interval"
+            f"{tosses_of}: has {len(kept)} tosses{which}; a diagnosis needs at least {FEWEST}, for a gap with an "
+            "interval"
         )
-    return kept, (f"Tosses left out: {', '.join(why)}.",) if why else ()
+    return kept, (f"Tosses left out: {why}.",) if why else ()
 
 
-def _patch(found: Diagnosis, task: Task, undone: Undone) -> dict[str, Any]:
+def _patch(found: Diagnosis, mjcf: Path | None, undone: Undone) -> dict[str, Any]:
     """gap.json's "patch", with its rerun in MuJoCo where there is anything to rerun."""
-    mjcf, problem = task.simulator.mjcf, undone.problem
-    h = found.hypothesis
+    problem, h = undone.problem, found.hypothesis
     patch = make_patch(h, mjcf=mjcf)
     report: dict[str, Any] = {**patch.as_json(), "rerun": None}
     report["recording"] = {**report["recording"], **corrections(undone)}

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.findings import Change, Felt, Finding, Interval
+from tossid.diagnosis.findings import Change, EffectVerdict, Felt, Finding
 from tossid.diagnosis.inference.final_values import DEGREES
 from tossid.diagnosis.inference.found import Found
 from tossid.diagnosis.inference.hypothesis import Hypothesis
@@ -16,13 +17,10 @@ from tossid.diagnosis.inference.judge import Fold, Frequencies, lost_without
 from tossid.diagnosis.inference.screening import Candidate, Screening
 from tossid.diagnosis.inference.verdict import DETECTABLE, Facts, verdict_of_found, verdict_of_others
 from tossid.diagnosis.localisation.gap import Rows, is_clear, share_closed_in
-from tossid.physics.effects import Effect, World
+from tossid.physics.effects import Effect
 from tossid.types import Phase
 
 Array = NDArray[np.float64]
-
-NOTHING = Interval(0.0, 0.0, 0.0)
-"""A share of nothing."""
 
 
 @dataclass(frozen=True)
@@ -53,11 +51,6 @@ class Judgement:
     variance: Mapping[str, Array]
     beyond_solvers: bool
 
-    @property
-    def stated(self) -> World:
-        """The simulator as it is stated."""
-        return self.found.first.hypothesis.world()
-
     def findings(self, library: Sequence[Effect]) -> tuple[Finding, ...]:
         """A finding for each effect: what is found, by how much whole tosses feel it, then the others by evidence.
 
@@ -79,22 +72,19 @@ class Judgement:
         """An effect of the hypothesis."""
         found, name = self.found, effect.name
         fitted, alike = found.fit_of(name), tuple(rival.effect.name for rival in found.alike(name))
-        frequency = self._frequency(name, *alike)
+        frequency, screened = self._frequency(name, *alike), self._screened(name)
         facts = Facts(alike, frequency, name in self.worse, self._closes(effect), found.has_its_law(name))
-        screened = self._screened(name)
-        return Finding(
-            name,
+        return self._finding(
+            effect,
             verdict_of_found(facts),
-            effect.says,
-            phases_of(effect),
-            fitted.intervals(name, self.variance.get(name, 0.0), DEGREES),
-            effect.named(effect.nominal(self.stated)),
-            self._evidence(float(found.needed[name].sum()), 1.0 if screened is None else screened[1].p_value),
-            lost_without(self.folds, name, self.floor),
-            alike,
-            _detectable(screened),
-            self.felt[name],
-            frequency,
+            float(found.needed[name].sum()),
+            1.0 if screened is None else screened[1].p_value,
+            parameters=fitted.intervals(name, self.variance.get(name, 0.0), DEGREES),
+            gap_closed=lost_without(self.folds, name, self.floor),
+            confusable_with=alike,
+            detectable=_detectable(screened),
+            felt=self.felt[name],
+            frequency=frequency,
             correlation=fitted.correlation(name),
         )
 
@@ -115,18 +105,14 @@ class Judgement:
     def _in_place_of(self, of: Finding, name: str) -> Finding:
         """An effect that may be the cause in the place of one that was found."""
         rival = next(r for r in self.found.alike(of.name) if r.effect.name == name)
-        return replace(
-            of,
-            name=name,
-            verdict="candidate" if of.verdict == "candidate" else "confusable",
-            says=rival.effect.says,
-            phases=phases_of(rival.effect),
+        return self._finding(
+            rival.effect,
+            "candidate" if of.verdict == "candidate" else "confusable",
+            of.evidence["gain"] + float(rival.gain.sum()),
+            of.evidence["p_value"],
             parameters=rival.fit.intervals(name),
-            stated=rival.effect.named(rival.effect.nominal(self.stated)),
-            evidence=self._evidence(of.evidence["gain"] + float(rival.gain.sum()), of.evidence["p_value"]),
+            gap_closed=of.gap_closed,
             confusable_with=(of.name, *(each for each in of.confusable_with if each != name)),
-            detectable={},
-            felt=None,
             frequency=self._frequency(name),
             correlation=rival.fit.correlation(name),
         )
@@ -135,33 +121,25 @@ class Judgement:
         """An effect that the search has not found."""
         screened = self._screened(effect.name)
         sizes = _detectable(screened)
-        gain, p_value = (0.0, 1.0) if screened is None else (screened[1].total, screened[1].p_value)
-        return Finding(
-            effect.name,
+        return self._finding(
+            effect,
             verdict_of_others(sizes, {p.name: p.high - p.low for p in effect.parameters}),
-            effect.says,
-            phases_of(effect),
-            {},
-            effect.named(effect.nominal(self.stated)),
-            self._evidence(gain, p_value),
-            NOTHING,
+            *((0.0, 1.0) if screened is None else (screened[1].total, screened[1].p_value)),
             detectable=sizes,
             frequency=self._frequency(effect.name),
         )
 
+    def _finding(self, effect: Effect, verdict: EffectVerdict, gain: float, p_value: float, **more: Any) -> Finding:
+        evidence = {"gain": gain, "p_value": p_value, "n_tosses": float(self.found.fit.n)}
+        return Finding.of(effect, verdict, self.found.first.hypothesis.world(), evidence, **more)
+
     def _screened(self, name: str) -> tuple[Screening, Candidate] | None:
         """An effect as the last round that looked at it saw it."""
-        for each in reversed(self.found.rounds):
-            for candidate in each.screening.candidates:
-                if candidate.name == name:
-                    return each.screening, candidate
-        return None
+        seen = ((each.screening, c) for each in reversed(self.found.rounds) for c in each.screening.candidates)
+        return next((one for one in seen if one[1].name == name), None)
 
     def _frequency(self, *names: str) -> float | None:
         return None if self.frequency is None else self.frequency.of_any(names)
-
-    def _evidence(self, gain: float, p_value: float) -> dict[str, float]:
-        return {"gain": gain, "p_value": p_value, "n_tosses": float(self.found.fit.n)}
 
 
 def _detectable(screened: tuple[Screening, Candidate] | None) -> dict[str, float]:
@@ -202,22 +180,3 @@ def alternatives(found: Found) -> tuple[Hypothesis, ...]:
         for name in found.hypothesis.names
         for rival in found.alike(name)
     )
-
-
-def phases_of(effect: Effect) -> tuple[str, ...]:
-    """Names of the phases in which an effect acts.
-
-    Args:
-        effect: The effect.
-    """
-    return tuple(Phase(phase).name.lower() for phase in effect.phases)
-
-
-def hidden(effect: Effect) -> Finding:
-    """An effect that the plane of the motion cannot show, which was not fitted.
-
-    Args:
-        effect: The effect.
-    """
-    evidence = {"gain": 0.0, "p_value": 1.0}
-    return Finding(effect.name, "not_identifiable", effect.says, phases_of(effect), {}, {}, evidence, NOTHING)

@@ -8,6 +8,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.diagnosis.parts import Part, plain
+from tossid.physics.effects import Effect, World
+from tossid.types import Phase
+
 Array = NDArray[np.float64]
 
 EffectVerdict = Literal["identified", "candidate", "confusable", "not_supported", "not_identifiable"]
@@ -25,7 +29,7 @@ LEAST_BELOW = 1e-9
 
 
 @dataclass(frozen=True)
-class Interval:
+class Interval(Part):
     """A value with its 95 % interval.
 
     Attributes:
@@ -51,8 +55,12 @@ class Interval:
         return {"value": self.value, "ci95": [self.low, self.high]}
 
 
+NOTHING = Interval(0.0, 0.0, 0.0)
+"""A share of nothing."""
+
+
 @dataclass(frozen=True)
-class Share:
+class Share(Part):
     """A part of the gap above the noise floor.
 
     Attributes:
@@ -63,9 +71,13 @@ class Share:
     name: str
     share: Interval
 
+    def as_json(self) -> dict[str, Any]:
+        """{"share", "ci95"}."""
+        return {"share": self.share.value, "ci95": [self.share.low, self.share.high]}
+
 
 @dataclass(frozen=True)
-class Gap:
+class Gap(Part):
     """How far predictions are off, in standard deviations of what noise alone would leave.
 
     Attributes:
@@ -89,11 +101,21 @@ class Gap:
     by_channel: tuple[Share, ...]
     frames: Array
     odd: tuple[str, ...]
-    after_impacts: Share = Share("after_impacts", Interval(0.0, 0.0, 0.0))
+    after_impacts: Share = Share("after_impacts", NOTHING)
+
+    def as_json(self) -> dict[str, Any]:
+        """The sizes of gap.json's "gap" and "gap_left"."""
+        return {
+            "total": {**self.total.as_json(), "unit": "standard deviations of noise"},
+            "noise_floor": self.noise_floor,
+            "position_mm": self.position_mm,
+            "rotation_deg": self.rotation_deg,
+            "after_impacts": self.after_impacts.as_json(),
+        }
 
 
 @dataclass(frozen=True)
-class Felt:
+class Felt(Part):
     """Differences of whole tosses, means over frames.
 
     Attributes:
@@ -114,13 +136,9 @@ class Felt:
         position, rotation = max(FELT_PCT, noise.position_pct), max(FELT_DEG, noise.rotation_deg)
         return self.position_pct > position or self.rotation_deg > rotation
 
-    def as_json(self) -> dict[str, Any]:
-        """An effect's "whole_tosses" in gap.json."""
-        return {"position_pct": self.position_pct, "rotation_deg": self.rotation_deg}
-
 
 @dataclass(frozen=True)
-class Stretch:
+class Stretch(Part):
     """Tosses that follow each other, and what an effect is in them.
 
     Attributes:
@@ -135,18 +153,9 @@ class Stretch:
     n_tosses: int
     parameters: dict[str, Interval]
 
-    def as_json(self) -> dict[str, Any]:
-        """One of an effect's "sessions" in gap.json."""
-        return {
-            "first": self.first,
-            "last": self.last,
-            "n_tosses": self.n_tosses,
-            "parameters": {name: value.as_json() for name, value in self.parameters.items()},
-        }
-
 
 @dataclass(frozen=True)
-class OverOrder:
+class OverOrder(Part):
     """How an effect goes over the order of recording.
 
     Attributes:
@@ -165,16 +174,14 @@ class OverOrder:
 
     def as_json(self) -> dict[str, Any]:
         """An effect's "sessions" or "drift" in gap.json, and "over_order"."""
-        about = {"p_value": self.p_value, "undone": self.undone}
-        stretches = [stretch.as_json() for stretch in self.stretches]
+        stretches, about = plain(self.stretches), {"p_value": self.p_value, "undone": self.undone}
         if self.form == "steps":
             return {"sessions": stretches, "over_order": about}
-        rate = {name: value.as_json() for name, value in self.rate.items()}
-        return {"drift": {"per_toss": rate, "ends": stretches}, "over_order": about}
+        return {"drift": {"per_toss": plain(self.rate), "ends": stretches}, "over_order": about}
 
 
 @dataclass(frozen=True)
-class Finding:
+class Finding(Part):
     """What the tosses say of one effect.
 
     Attributes:
@@ -201,13 +208,29 @@ class Finding:
     parameters: dict[str, Interval]
     stated: dict[str, float]
     evidence: dict[str, float]
-    gap_closed: Interval
+    gap_closed: Interval = NOTHING
     confusable_with: tuple[str, ...] = ()
     detectable: dict[str, float] = field(default_factory=dict)
     felt: Felt | None = None
     frequency: float | None = None
     over_order: OverOrder | None = None
     correlation: tuple[tuple[float, ...], ...] = ()
+
+    @staticmethod
+    def of(effect: Effect, verdict: EffectVerdict, stated: World, evidence: dict[str, float], **more: Any) -> Finding:
+        """What the tosses say of an effect of the library.
+
+        Args:
+            effect: The effect.
+            verdict: What is concluded.
+            stated: The simulator as it is stated.
+            evidence: Of the effect.
+            **more: Other fields; without `parameters`, it has no values.
+        """
+        phases = tuple(Phase(phase).name.lower() for phase in effect.phases)
+        values = effect.named(effect.nominal(stated))
+        more = {"parameters": {}, **more}
+        return Finding(effect.name, verdict, effect.says, phases, stated=values, evidence=evidence, **more)
 
     @property
     def matters(self) -> bool:
@@ -216,27 +239,13 @@ class Finding:
 
     def as_json(self) -> dict[str, Any]:
         """One of gap.json's "effects"."""
-        return {
-            "name": self.name,
-            "verdict": self.verdict,
-            "says": self.says,
-            "phases": list(self.phases),
-            "parameters": {name: value.as_json() for name, value in self.parameters.items()},
-            "stated": self.stated,
-            "correlation": [list(row) for row in self.correlation],
-            "evidence": self.evidence,
-            "gap_closed": self.gap_closed.as_json(),
-            "confusable_with": list(self.confusable_with),
-            "frequency": self.frequency,
-            "detectable": self.detectable,
-            "matters": self.matters,
-            "whole_tosses": None if self.felt is None else self.felt.as_json(),
-            **({} if self.over_order is None else self.over_order.as_json()),
-        }
+        whole = super().as_json()
+        over_order, felt = whole.pop("over_order") or {}, whole.pop("felt")
+        return {**whole, "matters": self.matters, "whole_tosses": felt, **over_order}
 
 
 @dataclass(frozen=True)
-class Change:
+class Change(Part):
     """What a person changes in the simulator, or in the recording.
 
     Attributes:
@@ -253,14 +262,8 @@ class Change:
 
     def as_json(self) -> dict[str, Any]:
         """One of gap.json's "change"."""
-        interval = [self.value.low, self.value.high]
-        return {
-            "name": self.name,
-            "parameter": self.parameter,
-            "from": self.stated,
-            "to": self.value.value,
-            "ci95": interval,
-        }
+        to = {"from": self.stated, "to": self.value.value, "ci95": [self.value.low, self.value.high]}
+        return {"name": self.name, "parameter": self.parameter, **to}
 
 
 @dataclass(frozen=True)
@@ -283,7 +286,7 @@ class WholeToss:
 
 
 @dataclass(frozen=True)
-class Brings:
+class Brings(Part):
     """Errors of whole tosses before and after the changes, each predicted by what was found without it.
 
     Attributes:
@@ -381,7 +384,7 @@ def ratio_over_tosses(above: Array, below: Array) -> Interval:
 
 
 @dataclass(frozen=True)
-class ChangeLeft:
+class ChangeLeft(Part):
     """A change over the order of recording that no found effect explains.
 
     Attributes:
@@ -391,7 +394,3 @@ class ChangeLeft:
 
     before: str
     p_value: float
-
-    def as_json(self) -> dict[str, Any]:
-        """One of gap.json's "changes_left"."""
-        return {"before": self.before, "p_value": self.p_value}

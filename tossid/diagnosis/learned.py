@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from tossid.diagnosis.inference.hypothesis import Hypothesis
+from tossid.diagnosis.parts import Part, plain
 from tossid.physics.effects import Effect, World
 from tossid.physics.effects.wrenches import acceleration_of_motions, airborne, body_motions, learned_field
 from tossid.types import Toss
@@ -32,9 +34,12 @@ LEAST_SHARE = 0.05
 LEAST_ACCELERATION = 0.05
 """Root mean square below which it does next to nothing [m/s²]; angular accelerations count over half a width."""
 
+PLAIN = ("gravity", "forces", "registered", "law", "ground_height", "ground_tilt", "recording")
+"""What a world has beside its object and its learned acceleration."""
+
 
 @dataclass(frozen=True)
-class StandsFor:
+class StandsFor(Part):
     """An effect that a learned acceleration stands for.
 
     Attributes:
@@ -49,7 +54,7 @@ class StandsFor:
 
 
 @dataclass(frozen=True)
-class LearnedForces:
+class LearnedForces(Part):
     """What a learned acceleration does in flight.
 
     Attributes:
@@ -72,18 +77,9 @@ class LearnedForces:
             "linear_ms2": self.linear,
             "angular_rads2": self.angular,
             "small": self.small,
-            "stands_for": [{"name": e.name, "parameters": e.parameters, "share": e.share} for e in self.effects],
+            "stands_for": plain(self.effects),
             "unexplained_share": self.unexplained,
         }
-
-
-@dataclass(frozen=True)
-class _Fit:
-    """Effects, their values, and the mean square that they leave."""
-
-    effects: tuple[Effect, ...]
-    values: Array
-    left: float
 
 
 def learned_forces(world: World, tosses: Sequence[Toss], library: Sequence[Effect]) -> LearnedForces | None:
@@ -105,85 +101,57 @@ def learned_forces(world: World, tosses: Sequence[Toss], library: Sequence[Effec
     target = learned_field(world.object, world.k_res, q, v)
     linear, angular = (float(np.sqrt(np.square(x).sum(axis=1).mean())) for x in (target[:, :3], target[:, 3:]))
     weight = np.where(np.arange(target.shape[1]) < 3, 1.0, 0.5 * world.object.width)
-    whole = float(np.square(weight * target).sum(axis=1).mean())
-    if np.sqrt(whole) < LEAST_ACCELERATION:
-        return LearnedForces(linear, angular, small=True)
     motions = body_motions(world.object, q, v)  # the same with every force
     given = acceleration_of_motions(world, q, motions)
 
-    def errors(effects: Sequence[Effect], values: Array) -> Array:
-        changed = acceleration_of_motions(_with(world, effects, values), q, motions) - given
-        return np.asarray(weight * (changed - target))
+    def errors(h: Hypothesis) -> Array:
+        return np.asarray(weight * (acceleration_of_motions(h.world(), q, motions) - given - target))
 
+    def left(h: Hypothesis) -> float:
+        return float(np.square(errors(h)).sum(axis=1).mean())
+
+    def criterion(h: Hypothesis) -> float:
+        """Bayesian information criterion over the tosses."""
+        n = len(tosses)
+        return n * float(np.log(max(left(h), 1e-12))) + len(h.flat()) * float(np.log(n))
+
+    best, shares = Hypothesis(world), list[float]()
+    whole = left(best)
+    if np.sqrt(whole) < LEAST_ACCELERATION:
+        return LearnedForces(linear, angular, small=True)
     candidates = [effect for effect in library if _is_force(world, effect)]
-    best, n, shares = _Fit((), np.zeros(0), whole), len(tosses), list[float]()
     while len(best.effects) < MOST_EFFECTS:
-        fits = [_fitted(world, best, e, errors) for e in candidates if all(e is not other for other in best.effects)]
-        if not fits:
-            break
-        found = min(fits, key=lambda fit: _criterion(fit, n))
-        gained = (best.left - found.left) / whole
-        if gained < LEAST_SHARE or _criterion(found, n) >= _criterion(best, n):
+        fits = [_with(best, effect, errors, left) for effect in candidates if effect.name not in best.names]
+        found = min(fits, key=criterion, default=best)
+        gained = (left(best) - left(found)) / whole
+        if gained < LEAST_SHARE or criterion(found) >= criterion(best):
             break
         best = found
         shares.append(gained)
-    parts = _parts(best)
-    named = tuple(
-        StandsFor(effect.name, effect.named(part), share)
-        for effect, part, share in zip(best.effects, parts, shares, strict=True)
-    )
-    return LearnedForces(linear, angular, False, named, best.left / whole)
+    named = (StandsFor(e.name, e.named(x), share) for (e, x), share in zip(best.items(), shares, strict=True))
+    return LearnedForces(linear, angular, False, tuple(named), left(best) / whole)
 
 
 def _is_force(world: World, effect: Effect) -> bool:
     """Whether an effect changes gravity or forces, and nothing else."""
-    start = effect.nominal(world)
-    made = effect.at(world, start + [p.step for p in effect.parameters])
-    same = made.with_changes(
-        gravity=world.gravity, forces=world.forces, registered=world.registered, object=world.object
-    )
-    return made.object is world.object and _unchanged(same, world) and not _unchanged(made, world)
+    made = effect.at(world, effect.nominal(world) + [p.step for p in effect.parameters])
+    same = [name for name in PLAIN if getattr(made, name) == getattr(world, name)]
+    others = {name for name in PLAIN if name not in ("gravity", "forces", "registered")}
+    return made.object is world.object and others <= {*same} and len(same) < len(PLAIN)
 
 
-def _unchanged(one: World, other: World) -> bool:
-    return all(getattr(one, name) == getattr(other, name) for name in _PLAIN)
-
-
-_PLAIN = ("gravity", "forces", "law", "ground_height", "ground_tilt", "recording", "registered")
-
-
-def _parts(fit: _Fit) -> list[Array]:
-    """Each effect's values."""
-    ends = np.cumsum([len(effect.parameters) for effect in fit.effects])
-    return np.split(fit.values, ends[:-1]) if len(ends) else []
-
-
-def _with(world: World, effects: Sequence[Effect], values: Array) -> World:
-    for effect, part in zip(effects, _parts(_Fit(tuple(effects), values, 0.0)), strict=True):
-        world = effect.at(world, part)
-    return world
-
-
-def _fitted(world: World, before: _Fit, effect: Effect, errors: Callable[[Sequence[Effect], Array], Array]) -> _Fit:
-    """The fit with one effect more, from each of the effect's starts."""
-    effects = (*before.effects, effect)
-    every = [p for each in effects for p in each.parameters]
-    low, high = np.array([p.low for p in every]), np.array([p.high for p in every])
-    scale = np.array([p.step for p in every])
-    nominal = effect.nominal(world)
-    best = None
+def _with(
+    before: Hypothesis, effect: Effect, errors: Callable[[Hypothesis], Array], left: Callable[[Hypothesis], float]
+) -> Hypothesis:
+    """A hypothesis with one effect more, all fitted from the best of the effect's starts."""
+    nominal = effect.nominal(before.base)
+    step = np.array([p.step for p in effect.parameters])
+    fits = []
     for start, sign in product([effect.named(nominal) | dict(s) for s in effect.starts or ({},)], (1.0, -1.0)):
         values = np.array([start[p.name] for p in effect.parameters])
-        moved = np.where(values == nominal, values + sign * np.array([p.step for p in effect.parameters]), values)
-        x = np.clip(np.concatenate([before.values, moved]), low + 1e-6 * scale, high - 1e-6 * scale)
-        found = least_squares(lambda x: errors(effects, x).ravel(), x, bounds=(low, high), x_scale=scale)
-        left = float(np.square(errors(effects, found.x)).sum(axis=1).mean())
-        if best is None or left < best.left:
-            best = _Fit(effects, found.x, left)
-    assert best is not None
-    return best
-
-
-def _criterion(fit: _Fit, n: int) -> float:
-    """Bayesian information criterion over n tosses."""
-    return n * float(np.log(max(fit.left, 1e-12))) + len(fit.values) * float(np.log(n))
+        h = before.plus(effect, np.where(values == nominal, values + sign * step, values))
+        (low, high), scale = h.bounds, h.steps
+        x = np.clip(h.flat(), low + 1e-6 * scale, high - 1e-6 * scale)
+        found = least_squares(lambda x, h=h: errors(h.at(x)).ravel(), x, bounds=(low, high), x_scale=scale)
+        fits.append(h.at(found.x))
+    return min(fits, key=left)

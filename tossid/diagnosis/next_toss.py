@@ -14,7 +14,7 @@ hypotheses may be the right one, and the mean of both cases is taken.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 from typing import Any, NamedTuple
 
@@ -27,6 +27,7 @@ from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.likelihood.density import student_deviance
 from tossid.diagnosis.likelihood.states import difference
+from tossid.diagnosis.likelihood.step_changes import State
 from tossid.diagnosis.likelihood.windows import make_windows, steps_of
 from tossid.motion import lowest_corner
 from tossid.motion.resting import rest_scatter
@@ -44,23 +45,6 @@ MOST_RIVALS, MOST_FRAMES = 3, 100
 """Hypotheses that are compared, and frames of a toss that are predicted: later ones are at rest."""
 LEAST_SEPARATION = 3.0
 """Expected separation below which no toss is proposed [standard deviations]."""
-
-
-@dataclass(frozen=True)
-class Releases:
-    """First states of B tosses, as they would be recorded.
-
-    Attributes:
-        q: (B, nq) poses.
-        v: (B, nv) velocities.
-    """
-
-    q: Array
-    v: Array
-
-    def __len__(self) -> int:
-        """B."""
-        return len(self.q)
 
 
 def next_toss(
@@ -82,21 +66,21 @@ def next_toss(
     """
     if not alternatives:
         return {"release": None, "reason": "no two effects are confusable: no toss is needed to separate them"}
-    stated = _stated(hypothesis, sample)
+    stated = sample.windows.stated or hypothesis.base.object
     rivals = [hypothesis, *alternatives][:MOST_RIVALS]
-    names = _what_differs(rivals)
+    common = set.intersection(*(set(rival.names) for rival in rivals))
+    names = [" + ".join(name for name in rival.names if name not in common) or "neither" for rival in rivals]
     candidates = draw_releases(tosses, stated, CANDIDATES, rng=rng)
     some = tosses[:: -(-len(tosses) // EARLIER)]
-    earlier = Releases(np.stack([toss.q[0] for toss in some]), np.stack([toss.v[0] for toss in some]))
+    earlier = State(np.stack([toss.q[0] for toss in some]), np.stack([toss.v[0] for toss in some]))
     frames = int(np.median([len(toss) for toss in tosses])) - 1
 
-    both = Releases(np.concatenate([candidates.q, earlier.q]), np.concatenate([candidates.v, earlier.v]))
-    expected = separations(rivals, both, tosses, frames, sample)
-    expected, usual = expected[: len(candidates)], float(np.median(expected[len(candidates) :]))
+    expected = separations(rivals, candidates.and_rows(earlier), tosses, frames, sample)
+    expected, usual = expected[:CANDIDATES], float(np.median(expected[CANDIDATES:]))
     best = int(np.argmax(expected))
     if not expected[best] > LEAST_SEPARATION:
         reason = (
-            f"none of {len(candidates)} feasible releases separates {' and '.join(names)} by more than "
+            f"none of {CANDIDATES} feasible releases separates {' and '.join(names)} by more than "
             f"{max(float(expected[best]), 0.0):.1f} standard deviations"
         )
         return {"release": None, "reason": reason, "between": names}
@@ -119,23 +103,11 @@ def next_toss(
         "separation_sd": float(expected[best]),
         "log_likelihood_ratio": float(expected[best] ** 2 / 2),
         "separation_of_tosses_seen_sd": usual,
-        "candidates": len(candidates),
+        "candidates": CANDIDATES,
     }
 
 
-def _what_differs(rivals: Sequence[Hypothesis]) -> list[str]:
-    """The effects of each hypothesis that not all of them have."""
-    common = set.intersection(*(set(rival.names) for rival in rivals))
-    kept = [[name for name in rival.names if name not in common] for rival in rivals]
-    return [" + ".join(names) or "neither" for names in kept]
-
-
-def _stated(hypothesis: Hypothesis, sample: Sample) -> ObjectModel:
-    """The dataset's object."""
-    return sample.windows.stated or hypothesis.base.object
-
-
-def draw_releases(tosses: Sequence[Toss], stated: ObjectModel, n: int, *, rng: np.random.Generator) -> Releases:
+def draw_releases(tosses: Sequence[Toss], stated: ObjectModel, n: int, *, rng: np.random.Generator) -> State:
     """Feasible releases: heights, speeds and spins from widened ranges of earlier ones; any attitude and heading.
 
     Args:
@@ -173,11 +145,11 @@ def draw_releases(tosses: Sequence[Toss], stated: ObjectModel, n: int, *, rng: n
     linear = np.stack([speed * np.cos(heading), speed * np.sin(heading), climb], axis=1)
     # the base's centre of mass has this velocity, whatever the spin
     linear -= quat_rotate(quat, np.cross(spin[:, None] * axis, stated.com[0]))
-    return Releases(q, np.concatenate([linear, spin[:, None] * axis, rates], axis=1))
+    return State(q, np.concatenate([linear, spin[:, None] * axis, rates], axis=1))
 
 
 def separations(
-    rivals: Sequence[Hypothesis], releases: Releases, tosses: Sequence[Toss], frames: int, sample: Sample
+    rivals: Sequence[Hypothesis], releases: State, tosses: Sequence[Toss], frames: int, sample: Sample
 ) -> Array:
     """(B,) expected separation of the two nearest rivals by one toss from each release [standard deviations].
 
@@ -189,13 +161,13 @@ def separations(
         sample: Windows of the earlier tosses, which hold the rivals' parameters.
     """
     w, threads, first = sample.windows, sample.n_threads, rivals[0].world()
-    steps = np.full(len(releases), min(frames, MOST_FRAMES))
+    steps = np.full(len(releases.q), min(frames, MOST_FRAMES))
     how = steps_of(first, w.settings.simulation)
     run = first.roll_out(releases.q, releases.v, n_steps=steps, dt=w.dt, **how, n_threads=threads)
-    good, out = np.flatnonzero(np.isfinite(run).all((1, 2))), np.zeros(len(releases))
+    good, out = np.flatnonzero(np.isfinite(run).all((1, 2))), np.zeros(len(releases.q))
     if not len(good):
         return out
-    stated = _stated(rivals[0], sample)
+    stated = w.stated or rivals[0].base.object
     cov = np.median(np.concatenate([toss.measured[1] for toss in tosses]), axis=0)
     predicted = [_as_toss(run[b], releases.v[b], w.dt, cov) for b in good]
     windows = make_windows(

@@ -3,7 +3,8 @@
 The search takes every effect to be the same in all tosses. Whether anything is not is tested by what its rounds have
 computed. Where something changes, it is sought beside the simulator as it is stated: what the search has found may
 have been found for the change. Errors of the recording that change are undone, and the corrected tosses are searched
-again. What cannot be undone is sought once more, beside what was found in them.
+again. What cannot be undone is sought once more, beside what was found in them. What was undone is fitted once more
+beside it, too: a change that was fitted beside nothing takes its share of what is the same in all tosses.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ from numpy.typing import NDArray
 
 from tossid.diagnosis import findings as report
 from tossid.diagnosis.correction import CORRECTABLE, corrected_tosses, ending_at_origin
-from tossid.diagnosis.effect_findings import phases_of
 from tossid.diagnosis.findings import ChangeLeft, Felt, Finding, Interval, ratio_over_tosses
 from tossid.diagnosis.inference.brings import median_of
 from tossid.diagnosis.inference.designs import LEVEL, Where, change_p_values, enough
@@ -27,8 +27,7 @@ from tossid.diagnosis.inference.found import Found, Round
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.order import SHOWN, OverOrder, alike, over_order
 from tossid.diagnosis.inference.screening import screen
-from tossid.diagnosis.inference.stretches import Change, Stretch, windows_within
-from tossid.diagnosis.likelihood.windows import Windows
+from tossid.diagnosis.inference.stretches import Change, Stretch, fitted_together, windows_within
 from tossid.diagnosis.localisation.gap import rows_of
 from tossid.diagnosis.localisation.noise import noise_floor
 from tossid.diagnosis.localisation.rollouts import distances, first_states, whole_motions
@@ -40,7 +39,7 @@ from tossid.types import Toss
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-ROUNDS = 3
+ROUNDS = 4
 """Searches after a first one, at most, each of tosses that are corrected for more."""
 
 
@@ -69,20 +68,33 @@ def without_changes(problem: Problem, first: Evidence | None = None) -> Undone:
         first: Evidence of the simulator as it is stated, if it is known.
     """
     recorded, found = problem, problem.search().run(first)
-    changes, left = tuple[Change, ...](), OverOrder((), None, None)
-    for k in range(ROUNDS + 1):
-        same = frozenset(found.hypothesis.names) & {change.effect.name for change in changes}
-        if same and k < ROUNDS:
-            # what is the same in all tosses belongs to what changes of the same effect
-            changes = tuple(_moved_by(change, found.hypothesis) for change in changes)
-        else:
-            left, wrong = _changes(problem, found, changes)
-            if not wrong or k == ROUNDS:
-                break
+    changes, left, beside = tuple[Change, ...](), OverOrder((), None, None), frozenset[str]()
+    for _ in range(ROUNDS):
+        names, changing = frozenset(found.hypothesis.names), {change.effect.name for change in changes}
+        left, wrong = (left, ()) if names & changing else _changes(problem, found, changes)
+        if wrong:
             changes += wrong
+        elif changes and names - beside:
+            changes, beside = _beside(recorded, found.hypothesis, changes), beside | (names - changing)
+        else:
+            break
         problem = _corrected(recorded, changes)
         found = problem.search().run()
+    else:
+        left = _changes(problem, found, changes)[0]
     return Undone(problem, found, changes, left)
+
+
+def _beside(recorded: Problem, h: Hypothesis, changes: tuple[Change, ...]) -> tuple[Change, ...]:
+    """Changes beside what was found in tosses that were corrected for them, which has their effects no more."""
+    changes = tuple(_moved_by(change, h) for change in changes)
+    if any(change.form == "drift" for change in changes):
+        return changes
+    h, n, tosses = h.without(*(change.effect.name for change in changes)), len(recorded.tosses), recorded.tosses
+    if _about_last_corners(recorded, h):
+        tosses = ending_at_origin(tosses, h.base.object)
+    windows = partial(windows_within, tosses, h.base.object, settings=recorded.settings.likelihood)
+    return fitted_together(collect(windows((0, n)), h, n_threads=recorded.n_threads), changes, windows)
 
 
 def _changes(problem: Problem, found: Found, undone: Sequence[Change]) -> tuple[OverOrder, tuple[Change, ...]]:
@@ -246,27 +258,53 @@ def findings_over_order(undone: Undone, recorded: Sequence[Toss]) -> tuple[Findi
     changes = (*undone.changes, *undone.left.changes)
     if not changes:
         return ()
-    over = _Recorded.of(undone, recorded)
-    stated, n = undone.problem.stated, len(recorded)
-    whole, left = over.excess_of([(stated, np.arange(n))]), over.excess(None)
-    out = []
-    for k, change in enumerate(changes):
-        effect = change.effect
-        out.append(
-            Finding(
-                effect.name,
-                "identified",
-                effect.says,
-                phases_of(effect),
-                mean_over_order(change),
-                effect.named(effect.nominal(stated.world())),
-                {"gain": change.gain, "p_value": change.p_value, "n_tosses": float(n)},
-                ratio_over_tosses(over.excess(change) - left, whole),
-                felt=over.felt(change),
-                over_order=_in_words(change, recorded, undone=k < len(undone.changes)),
-            )
+    problem, n, threads = undone.problem, len(recorded), undone.problem.n_threads
+    stated, width, h = problem.stated, problem.stated.base.object.width, undone.found.hypothesis
+    about_corners = _about_last_corners(problem, h)
+    tosses = ending_at_origin(recorded, stated.base.object) if about_corners else tuple(recorded)
+    windows = problem.windows_of(tosses, problem.tosses)
+    floor, kept = noise_floor(windows), h.without(*(change.effect.name for change in changes))
+    # tosses between which nothing changes are in one world
+    values = np.concatenate([change.values for change in changes], axis=1)
+    group = np.unique(values, axis=0, return_inverse=True)[1].ravel()
+    groups = [np.flatnonzero(group == k) for k in range(group.max() + 1)]
+
+    def found(numbers: Index, same: Change | None) -> Hypothesis:
+        """What was found, in the world of some tosses, but for one change that is the same in all."""
+        return replace(kept, base=_world(h.base, changes, int(numbers[0]), same))
+
+    def excess(parts: Sequence[tuple[Hypothesis, Index]]) -> Array:
+        """(n,) deviance of each toss above the noise floor, under a hypothesis for each part of the tosses."""
+        there = [(collect(windows.of_tosses(i), h, n_threads=threads), i) for h, i in parts]
+        rows = rows_of(there, floor)
+        return rows.by_toss(rows.excess.mean(1))
+
+    def felt(change: Change) -> Felt:
+        """How a change moves whole tosses: its value in each against its mean, from the same first states."""
+        apart = list[Array]()
+        for numbers in groups:
+            some, own = [tosses[i] for i in numbers.tolist()], windows.of_tosses(numbers)
+            worlds = [found(numbers, same).world() for same in (None, change)]
+            first = first_states(some, worlds[0], own, n_threads=threads)
+            one, other = (whole_motions(some, world, first, own, threads) for world in worlds)
+            apart.append(distances(one, other, width))
+        return median_of(np.concatenate(apart))
+
+    whole = excess([(stated, np.arange(n))])
+    left = excess([(found(numbers, None), numbers) for numbers in groups])
+    return tuple(
+        Finding.of(
+            change.effect,
+            "identified",
+            stated.world(),
+            {"gain": change.gain, "p_value": change.p_value, "n_tosses": float(n)},
+            parameters=mean_over_order(change),
+            gap_closed=ratio_over_tosses(excess([(found(each, change), each) for each in groups]) - left, whole),
+            felt=felt(change),
+            over_order=_in_words(change, recorded, undone=k < len(undone.changes)),
         )
-    return tuple(out)
+        for k, change in enumerate(changes)
+    )
 
 
 def _in_words(change: Change, tosses: Sequence[Toss], *, undone: bool) -> report.OverOrder:
@@ -296,60 +334,3 @@ def mean_over_order(change: Change) -> dict[str, Interval]:
         mean = float(change.values[:, k].mean())
         out[p.name] = Interval(mean, mean - float(half), mean + float(half))
     return out
-
-
-@dataclass(frozen=True)
-class _Recorded:
-    """Tosses as they were recorded, each in the world of its place in the order.
-
-    Attributes:
-        undone: What was undone, and what else changes.
-        tosses: As recorded, or all moved to where changes turn them.
-        windows: Of these.
-        groups: Numbers of tosses between which nothing changes.
-    """
-
-    undone: Undone
-    tosses: tuple[Toss, ...]
-    windows: Windows
-    groups: tuple[Index, ...]
-
-    @staticmethod
-    def of(undone: Undone, recorded: Sequence[Toss]) -> _Recorded:
-        problem = undone.problem
-        tosses = tuple(recorded)
-        if _about_last_corners(problem, undone.found.hypothesis):
-            tosses = ending_at_origin(recorded, problem.stated.base.object)
-        values = np.concatenate([change.values for change in (*undone.changes, *undone.left.changes)], axis=1)
-        group = np.unique(values, axis=0, return_inverse=True)[1].ravel()
-        groups = tuple(np.flatnonzero(group == k) for k in range(group.max() + 1))
-        return _Recorded(undone, tosses, problem.windows_of(tosses, problem.tosses), groups)
-
-    def hypothesis(self, toss: int, same: Change | None) -> Hypothesis:
-        """What was found, in the world of a toss, but for one change that is the same in all."""
-        changes, h = (*self.undone.changes, *self.undone.left.changes), self.undone.found.hypothesis
-        kept = h.without(*(change.effect.name for change in changes))
-        return replace(kept, base=_world(h.base, changes, toss, same))
-
-    def excess(self, same: Change | None) -> Array:
-        """(n,) deviance of each toss above the noise floor, where one change is the same in all tosses, or none is."""
-        return self.excess_of([(self.hypothesis(int(group[0]), same), group) for group in self.groups])
-
-    def excess_of(self, parts: Sequence[tuple[Hypothesis, Index]]) -> Array:
-        """(n,) the same, under a hypothesis for each part of the tosses."""
-        threads = self.undone.problem.n_threads
-        there = [(collect(self.windows.of_tosses(i), h, n_threads=threads), i) for h, i in parts]
-        rows = rows_of(there, noise_floor(self.windows))
-        return rows.by_toss(rows.excess.mean(1))
-
-    def felt(self, change: Change) -> Felt:
-        """How a change moves whole tosses: its value in each against its mean, from the same first states."""
-        problem, apart = self.undone.problem, list[Array]()
-        threads, width = problem.n_threads, problem.stated.base.object.width
-        for group in self.groups:
-            tosses, windows = [self.tosses[i] for i in group.tolist()], self.windows.of_tosses(group)
-            own, mean = (self.hypothesis(int(group[0]), same).world() for same in (None, change))
-            first = first_states(tosses, own, windows, n_threads=threads)
-            one, other = (whole_motions(tosses, world, first, windows, threads) for world in (own, mean))
-            apart.append(distances(one, other, width))
-        return median_of(np.concatenate(apart))

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.states import difference
 from tossid.diagnosis.likelihood.windows import Windows, make_windows
+from tossid.diagnosis.parts import Part
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Effect, Strength, World
 from tossid.rotations import quat_conj, quat_rotate
@@ -40,7 +41,7 @@ LEAST_SHARE = 0.5
 
 
 @dataclass(frozen=True)
-class Plane:
+class Plane(Part):
     """The plane in which all motion lies, and what it cannot show.
 
     Attributes:
@@ -55,11 +56,8 @@ class Plane:
 
     def as_json(self) -> dict[str, Any]:
         """gap.json's "plane"."""
-        return {
-            "normal": self.normal.tolist(),
-            "not_shown": [{"effect": effect, "parameter": name} for effect, name in self.hidden],
-            "effects_not_shown": list(self.effects),
-        }
+        hidden = [{"effect": effect, "parameter": name} for effect, name in self.hidden]
+        return {"normal": self.normal.tolist(), "not_shown": hidden, "effects_not_shown": list(self.effects)}
 
 
 def plane_normal(tosses: Sequence[Toss]) -> Array | None:
@@ -105,8 +103,45 @@ def in_plane(
     normal = plane_normal(tosses)
     if normal is None:
         return tuple(library), None
-    trial = _Trial.of(tosses, world.object, normal, settings, n_threads)
-    hidden = {effect.name: trial.hidden(effect, world) for effect in library}
+    windows = _windows_within(tosses, world.object, normal, settings)
+
+    def is_shown(effect: Effect, values: Array, k: int) -> bool:
+        """Whether a parameter at either side of its value makes motions in the plane that differ."""
+        p = effect.parameters[k]
+
+        def predicted(x: float) -> Array:
+            moved = values.copy()
+            moved[k] = min(max(x, p.low), p.high)
+            return windows.predicted(effect.at(world, moved), n_threads=n_threads)
+
+        low, high = (predicted(values[k] + side * STEPS * p.step) for side in (-1.0, 1.0))
+        whole, across = difference(high, predicted(values[k])), difference(high, low)
+        moved, turned = across[..., :3], across[..., 3:6]
+        inside = moved - (moved @ normal)[..., None] * normal
+        spun = (turned * _in_body(normal, low)).sum(-1, keepdims=True)
+        # the median over windows in which it does anything: contact amplifies a few beyond measure
+        differs = np.abs(np.concatenate([inside, spun], axis=-1)).max((1, 2))
+        changes = np.abs(whole).max((1, 2))
+        acts = changes > LEAST_CHANGE
+        enough = acts.mean() > LEAST_WINDOWS
+        return bool(enough and np.median(differs[acts] / changes[acts]) > LEAST_SHARE)
+
+    def hidden_of(effect: Effect) -> tuple[str, ...]:
+        """Names of the parameters that no motion in the plane shows."""
+        nominal = effect.nominal(world)
+        left = [k for k in range(len(nominal)) if not is_shown(effect, nominal, k)]
+        if left and isinstance(effect.strength, Strength):
+            # what says how an effect acts, as a wind's velocity, shows only where there is something of it
+            middle = float(np.sqrt(effect.strength.low * effect.strength.high))
+            strong = effect.strength.values(middle, np.full(8, 0.5))
+            values = np.array([strong.get(p.name, x) for p, x in zip(effect.parameters, nominal, strict=True)])
+            values[left] = nominal[left]
+            left = [k for k in left if not is_shown(effect, values, k)]
+        elif len(left) < len(nominal):
+            left = []
+        return tuple(effect.parameters[k].name for k in left)
+
+    hidden = {effect.name: hidden_of(effect) for effect in library}
     shown: dict[str, Effect] = {}
     for effect in library:
         kept = tuple(p for p in effect.parameters if p.name not in hidden[effect.name])
@@ -117,6 +152,21 @@ def in_plane(
     missing = tuple(effect.name for effect in library if effect.name not in names)
     pairs = tuple((name, each) for name, some in hidden.items() for each in some)
     return kept_effects, Plane(normal, pairs, missing)
+
+
+def _windows_within(tosses: Sequence[Toss], model: ObjectModel, normal: Array, settings: DiagnoseSettings) -> Windows:
+    """Windows whose first states lie exactly in a plane, in which parameters are tried."""
+    windows = make_windows(tosses, model, settings=settings.likelihood)
+    windows = windows.rows(np.unique(np.linspace(0, len(windows.toss) - 1, MOST_WINDOWS).astype(int)))
+    axis, v = _in_body(normal, windows.q), windows.v.copy()
+    v[:, :3] -= np.outer(v[:, :3] @ normal, normal)
+    v[:, 3:6] = axis * (v[:, 3:6] * axis).sum(1, keepdims=True)
+    return replace(windows, at_v=v)
+
+
+def _in_body(normal: Array, poses: Array) -> Array:
+    """A normal (3,) in the body frame of poses (..., 7)."""
+    return np.asarray(quat_rotate(quat_conj(poses[..., 3:7]), np.broadcast_to(normal, (*poses.shape[:-1], 3))))
 
 
 def _with_only(effect: Effect, kept: tuple[Any, ...]) -> Effect:
@@ -134,72 +184,3 @@ def _with_only(effect: Effect, kept: tuple[Any, ...]) -> Effect:
 def _is_special_case(effect: Effect, shown: dict[str, Effect]) -> bool:
     """Whether an effect has no more parameters left than one that it contains, and so is the same."""
     return any(len(effect.parameters) <= len(shown[name].parameters) for name in effect.contains if name in shown)
-
-
-@dataclass(frozen=True)
-class _Trial:
-    """Windows whose first states lie exactly in the plane, in which parameters are tried."""
-
-    windows: Windows
-    normal: Array
-    n_threads: int
-
-    @staticmethod
-    def of(
-        tosses: Sequence[Toss],
-        model: ObjectModel,
-        normal: Array,
-        settings: DiagnoseSettings,
-        n_threads: int,
-    ) -> _Trial:
-        windows = make_windows(tosses, model, settings=settings.likelihood)
-        some = np.unique(np.linspace(0, len(windows.toss) - 1, MOST_WINDOWS).astype(int))
-        windows = windows.rows(some)
-        axis = quat_rotate(quat_conj(windows.q[:, 3:7]), np.broadcast_to(normal, (len(some), 3)))
-        v = windows.v.copy()
-        v[:, :3] -= np.outer(v[:, :3] @ normal, normal)
-        v[:, 3:6] = axis * (v[:, 3:6] * axis).sum(1, keepdims=True)
-        return _Trial(replace(windows, at_v=v), normal, n_threads)
-
-    def hidden(self, effect: Effect, world: World) -> tuple[str, ...]:
-        """Names of the parameters that no motion in the plane shows."""
-        nominal = effect.nominal(world)
-        left = [k for k in range(len(nominal)) if not self._is_shown(effect, world, nominal, k)]
-        if not left or not isinstance(effect.strength, Strength):
-            return tuple(effect.parameters[k].name for k in left) if left and len(nominal) == len(left) else ()
-        # what says how an effect acts, as a wind's velocity, shows only where there is something of it
-        strength = effect.strength
-        strong = strength.values(float(np.sqrt(strength.low * strength.high)), np.full(8, 0.5))
-        values = np.array([strong.get(p.name, x) for p, x in zip(effect.parameters, nominal, strict=True)])
-        values[left] = nominal[left]
-        return tuple(effect.parameters[k].name for k in left if not self._is_shown(effect, world, values, k))
-
-    def _is_shown(self, effect: Effect, world: World, values: Array, k: int) -> bool:
-        """Whether a parameter at either side of its value makes motions in the plane that differ."""
-        p = effect.parameters[k]
-        size = STEPS * p.step
-
-        def predicted(x: float) -> Array:
-            moved = values.copy()
-            moved[k] = min(max(x, p.low), p.high)
-            return self.windows.predicted(effect.at(world, moved), n_threads=self.n_threads)
-
-        low, high = (predicted(values[k] + side * size) for side in (-1.0, 1.0))
-        whole = difference(high, predicted(values[k]))
-        across = difference(high, low)
-        inside = np.concatenate(
-            [
-                across[..., :3] - (across[..., :3] @ self.normal)[..., None] * self.normal,
-                (across[..., 3:6] * self._axis(low)).sum(-1, keepdims=True),
-            ],
-            axis=-1,
-        )
-        # the median over windows in which it does anything: contact amplifies a few beyond measure
-        changes, differs = (np.abs(each).max((1, 2)) for each in (whole, inside))
-        acts = changes > LEAST_CHANGE
-        enough = acts.mean() > LEAST_WINDOWS
-        return bool(enough and np.median(differs[acts] / changes[acts]) > LEAST_SHARE)
-
-    def _axis(self, poses: Array) -> Array:
-        """The plane's normal in the body frame of poses (..., 7)."""
-        return np.asarray(quat_rotate(quat_conj(poses[..., 3:7]), np.broadcast_to(self.normal, (*poses.shape[:-1], 3))))

@@ -14,7 +14,7 @@ from tossid.diagnosis.under_way import UnderWay
 from tossid.motion.resting import rest_scatter
 from tossid.physics.effects import LIBRARY, Effect
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
-from tossid.types import RecordingOrder, Toss
+from tossid.types import Toss
 
 
 @dataclass(frozen=True)
@@ -97,12 +97,3 @@ class Problem:
         """The search over all tosses."""
         watch = self.under_way.watched
         return Search(self.sample, self.library, self.stated, self.laws, seed=self.seed, watch=watch)
-
-
-def session_starts(order: RecordingOrder | None) -> tuple[str, ...]:
-    """Names of the first tosses of a dataset's sessions, but for the first.
-
-    Args:
-        order: Of the dataset, None where it was not looked at.
-    """
-    return () if order is None else tuple(session.first for session in order.sessions[1:])

@@ -17,6 +17,7 @@ from tossid.diagnosis.localisation.disagreement import SolverDisagreement
 from tossid.diagnosis.localisation.noise import MeasuredNoise
 from tossid.diagnosis.localisation.place import Place
 from tossid.diagnosis.localisation.witnesses import Witness
+from tossid.diagnosis.parts import Part, plain
 from tossid.diagnosis.plane import Plane
 from tossid.types import RecordingOrder
 
@@ -46,7 +47,7 @@ class Interruption:
 
 
 @dataclass(frozen=True)
-class Unseen:
+class Unseen(Part):
     """What was found, on tosses of the test split, which nothing has seen before.
 
     Attributes:
@@ -61,7 +62,7 @@ class Unseen:
 
     def as_json(self) -> dict[str, Any]:
         """gap.json's "unseen"."""
-        return {"n_tosses": self.tosses, "gap_closed": self.closed.as_json(), "brings": self.brings.as_json()}
+        return {"n_tosses": self.tosses, "gap_closed": plain(self.closed), "brings": plain(self.brings)}
 
 
 @dataclass(frozen=True, repr=False)
@@ -177,60 +178,56 @@ class Diagnosis:
     def as_json(self) -> dict[str, Any]:
         """The content of gap.json (schema tossid.gap/1)."""
         gap = {
-            **_gap_json(self.gap),
-            "by_phase": [{"phase": s.name, **_share(s)} for s in self.gap.by_phase],
-            "by_channel": [{"channel": s.name, **_share(s)} for s in self.gap.by_channel],
+            "by_phase": [{"phase": share.name, **share.as_json()} for share in self.gap.by_phase],
+            "by_channel": [{"channel": share.name, **share.as_json()} for share in self.gap.by_channel],
             "odd_tosses": list(self.gap.odd),
-            "by_corner": [corner.as_json() for corner in self.place.corners],
-            "wrench": [relation.as_json() for relation in self.place.wrench],
+            "by_corner": plain(self.place.corners),
+            "wrench": plain(self.place.wrench),
         }
-        left = {
-            **_gap_json(self.left),
-            "by_corner": [corner.as_json() for corner in self.place.corners_left],
-            "wrench": [relation.as_json() for relation in self.place.wrench_left],
+        left = {"by_corner": plain(self.place.corners_left), "wrench": plain(self.place.wrench_left)}
+        explanation = {
+            "verdict": self.verdict,
+            "effects": list(self.named),
+            "candidates": list(self.candidates),
+            "minor": list(self.minor),
+            "folds": self.folds,
+            "draws": self.draws,
+            "probability_none": self.probability_none,
+            "gap_closed": plain(self.gap_closed),
+            "unexplained_share": max(0.0, 1.0 - self.gap_closed.value),
+            "unexplained_where": [{"phase": share.name, **share.as_json()} for share in self.unexplained],
+            "hypothesis": {effect.name: effect.named(x) for effect, x in self.hypothesis.items()},
         }
-        whole = {
+        beside = {
+            "interrupted": self.interruption,
+            "next_toss": self.next_toss,
+            "patch": self.patch,
+            "simulator": self.simulator,
+            "data": self.data,
+            "passes": self.passes,
+            "noise": self.noise,
+            "unseen": self.unseen,
+            "learned_acceleration": self.learned,
+            "solver_disagreement": self.disagreement,
+            "plane": self.plane,
+            "changes_left": self.changes_left,
+        }
+        return {
             "schema": SCHEMA,
             "complete": self.interruption is None,
             "n_tosses": self.n_tosses,
             "contact": self.contact,
-            "change": [each.as_json() for each in self.change],
-            "brings": self.brings.as_json(),
-            "gap": gap,
-            "gap_left": left,
-            "effects": [finding.as_json() for finding in self.findings],
-            "explanation": {
-                "verdict": self.verdict,
-                "effects": list(self.named),
-                "candidates": list(self.candidates),
-                "minor": list(self.minor),
-                "folds": self.folds,
-                "draws": self.draws,
-                "probability_none": self.probability_none,
-                "gap_closed": self.gap_closed.as_json(),
-                "unexplained_share": max(0.0, 1.0 - self.gap_closed.value),
-                "unexplained_where": [{"phase": s.name, **_share(s)} for s in self.unexplained],
-                "hypothesis": {effect.name: effect.named(x) for effect, x in self.hypothesis.items()},
-            },
-            "witnesses": [witness.as_json() for witness in self.witnesses],
+            "change": plain(self.change),
+            "brings": plain(self.brings),
+            "gap": {**plain(self.gap), **gap},
+            "gap_left": {**plain(self.left), **left},
+            "effects": plain(self.findings),
+            "explanation": explanation,
+            "witnesses": plain(self.witnesses),
             "seconds": self.seconds,
+            **{name: plain(value) for name, value in beside.items() if value is not None},
+            "remarks": list(self.remarks),
         }
-        beside = {
-            "interrupted": None if self.interruption is None else self.interruption.as_json(),
-            "next_toss": self.next_toss,
-            "patch": self.patch,
-            "simulator": None if self.simulator is None else self.simulator.as_json(),
-            "data": self.data,
-            "passes": self.passes,
-            "noise": None if self.noise is None else self.noise.as_json(),
-            "unseen": None if self.unseen is None else self.unseen.as_json(),
-            "learned_acceleration": None if self.learned is None else self.learned.as_json(),
-            "solver_disagreement": None if self.disagreement is None else self.disagreement.as_json(),
-            "plane": None if self.plane is None else self.plane.as_json(),
-            "changes_left": None if self.changes_left is None else [each.as_json() for each in self.changes_left],
-        }
-        whole |= {name: value for name, value in beside.items() if value is not None}
-        return {**whole, "remarks": list(self.remarks)}
 
     def save(self, folder: str | Path) -> Path:
         """Write gap.html, gap.json, the figures and, where MJCF can say what was found, patched.xml.
@@ -279,17 +276,3 @@ class Diagnosis:
         from tossid.diagnosis.presentation import notebook_html
 
         return notebook_html(self)
-
-
-def _gap_json(gap: Gap) -> dict[str, Any]:
-    return {
-        "total": {**gap.total.as_json(), "unit": "standard deviations of noise"},
-        "noise_floor": gap.noise_floor,
-        "position_mm": gap.position_mm,
-        "rotation_deg": gap.rotation_deg,
-        "after_impacts": _share(gap.after_impacts),
-    }
-
-
-def _share(share: Share) -> dict[str, Any]:
-    return {"share": share.share.value, "ci95": [share.share.low, share.share.high]}

@@ -16,7 +16,7 @@ import numpy as np
 
 from tossid.diagnosis.inference.hypothesis import COULOMB, RELAXED, ROUTH, ContactLaw
 from tossid.diagnosis.likelihood.engine_discrepancy import Engine
-from tossid.diagnosis.likelihood.simulator_process import FromFile, Given, SimulatorProcess
+from tossid.diagnosis.likelihood.simulator_process import BatchFunction, FromFile, SimulatorProcess
 from tossid.diagnosis.likelihood.step_changes import State
 from tossid.diagnosis.likelihood.users_world import UsersWorld
 from tossid.diagnosis.likelihood.windows import steps_of
@@ -27,11 +27,23 @@ from tossid.objects.files.model_file import read_model_file
 from tossid.physics.effects import RecordingErrors, World
 from tossid.physics.forces import Forces
 from tossid.rotations import geodesic_angle, quat_rotate
-from tossid.settings.diagnosis.diagnose import CheckSettings, DiagnoseSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.types import Toss, frame_time
 
 if TYPE_CHECKING:
     from tossid.models.protocol import DynamicsModel
+
+STILL = 10.0
+"""Standard deviations of poses within which nothing moves in a toss."""
+SIZE_RATIO = 1.6
+"""Ratio of the sizes of two objects beyond which one is no wrong statement of the other."""
+FARTHEST = 1e3
+"""Distance from the origin beyond which a simulated toss has diverged [m]."""
+MOST_DIVERGED = 0.1
+"""Share of tosses on which a simulator may diverge."""
+MOST_LOST = 0.2
+"""Share of the changes of velocity of a user's simulator that a stop at each frame may change. Beyond it, effects are
+added to whole motions."""
 
 
 @dataclass(frozen=True)
@@ -69,8 +81,7 @@ class Simulator:
     @property
     def frames(self) -> int | None:
         """How many frames a user's own simulator has been asked for; None of another."""
-        world = self.world
-        return world.motions.process.frames if isinstance(world, UsersWorld) and world.motions is not None else None
+        return self.world.motions.process.frames if isinstance(self.world, UsersWorld) else None
 
     def as_json(self) -> dict[str, Any]:
         """gap.json's "simulator"."""
@@ -156,27 +167,24 @@ def _mjcf(given: Any, recorded: ObjectModel) -> Simulator:
 @reader("python", lambda given: callable(given) and not hasattr(_model_in(given), "learned_object"))
 def _function(given: Any, recorded: ObjectModel) -> Simulator:
     name = getattr(given, "__qualname__", type(given).__qualname__)
-    return users_simulator(Given(given), recorded, about=f"the simulator {name}")
+    return users_simulator(given, recorded, about=f"the simulator {name}")
 
 
-def users_simulator(
-    source: FromFile | Given, recorded: ObjectModel, *, about: str, settings: CheckSettings = CheckSettings()
-) -> Simulator:
+def users_simulator(source: FromFile | BatchFunction, recorded: ObjectModel, *, about: str) -> Simulator:
     """A user's own simulator, to whose predictions effects are added as changes.
 
     A change is what an effect does to the dataset's object in tossid's own simulator.
 
     Args:
-        source: The function f(q0, v0, n_steps, dt) -> (q, v).
+        source: The function f(q0, v0, n_steps, dt) -> (q, v), or where it is.
         recorded: The dataset's object.
         about: The simulator in words.
-        settings: How long a call may take.
 
     Raises:
         InputError: Nothing is stated of the object.
     """
     need_stated(recorded, "a simulator in Python (sim=python)")
-    process = SimulatorProcess(source, about=about, seconds=settings.simulator_seconds)
+    process = SimulatorProcess(source, about=about, seconds=DiagnoseSettings().simulator_seconds)
     own = ContactLaw("own", engine=Engine(none=True))
     return Simulator("python", about, UsersWorld.of(World(recorded), process), (own,))
 
@@ -266,16 +274,13 @@ def _tilt_of(normal: np.ndarray) -> tuple[float, float]:
 # ---------------------------------------------------------------- what is refused
 
 
-def check_same_object(
-    world: World, recorded: ObjectModel, *, where: str, settings: CheckSettings = CheckSettings()
-) -> None:
+def check_same_object(world: World, recorded: ObjectModel, *, where: str) -> None:
     """Refuse a simulator of another object than the one that was tossed.
 
     Args:
         world: The simulator's.
         recorded: The dataset's object.
         where: The dataset in words, for the error.
-        settings: How different sizes may be.
 
     Raises:
         InputError: It has other joints, or another size.
@@ -287,7 +292,7 @@ def check_same_object(
             f"has {given.n_joints}; both must be of the same object"
         )
     ratio = np.ptp(given.drawn.corner_pos, axis=0) / np.ptp(recorded.drawn.corner_pos, axis=0)
-    if (np.maximum(ratio, 1 / ratio) > settings.size_ratio).any():
+    if (np.maximum(ratio, 1 / ratio) > SIZE_RATIO).any():
         sizes = [" x ".join(f"{1e3 * x:.0f}" for x in np.ptp(o.drawn.corner_pos, axis=0)) for o in (given, recorded)]
         raise InputError(
             f"{where}: tosses of '{recorded.name}' ({sizes[1]} mm), the simulator's '{given.name}' measures "
@@ -295,77 +300,55 @@ def check_same_object(
         )
 
 
-def check_runs(
-    world: World,
-    tosses: Sequence[Toss],
-    *,
-    where: str,
-    n_threads: int = 1,
-    settings: DiagnoseSettings = DiagnoseSettings(),
-) -> list[str]:
-    """Names of the tosses on which the simulator diverges, where they are few.
+def checked(simulator: Simulator, tosses: Sequence[Toss], settings: DiagnoseSettings) -> tuple[Simulator, list[str]]:
+    """A simulator that has been run from tosses' first states to their ends, and remarks on how it did.
 
-    Args:
-        world: The simulator's.
-        tosses: From whose first states it is run to their ends.
-        where: The simulator in words, for the error.
-        n_threads: Of the simulator.
-        settings: How many may diverge, and how finely is simulated.
-
-    Raises:
-        InputError: More of them diverge.
-    """
-    q, v = np.stack([toss.q[0] for toss in tosses]), np.stack([toss.v[0] for toss in tosses])
-    dt = frame_time(tosses)
-    steps = np.array([toss.ticks(dt)[-1] for toss in tosses])
-    how = steps_of(world, settings.likelihood.simulation)
-    run = world.roll_out(q, v, n_steps=steps, dt=dt, **how, n_threads=n_threads)
-    far = np.nanmax(np.abs(np.where(np.isfinite(run[..., :3]), run[..., :3], np.inf)), axis=(1, 2))
-    lost = [toss.name for toss, size in zip(tosses, far, strict=True) if not size < settings.checks.far]
-    if len(lost) > settings.checks.most_diverged * len(tosses):
-        raise InputError(
-            f"{where}: the simulator diverges (NaN, or farther than {settings.checks.far:g} m) on {len(lost)} of "
-            f"{len(tosses)} tosses, the first of them '{lost[0]}'"
-        )
-    return lost
-
-
-def with_nearest_contact(
-    simulator: Simulator, tosses: Sequence[Toss], settings: DiagnoseSettings = DiagnoseSettings()
-) -> tuple[Simulator, list[str]]:
-    """A user's simulator with the contact by which effects change it; another simulator as it is. And a remark.
+    A user's own comes back with the contact by which effects change it.
 
     Args:
         simulator: What is diagnosed.
-        tosses: From whose first states it is run.
-        settings: How finely is simulated.
+        tosses: As recorded.
+        settings: How finely is simulated, and how long a user's own may take.
+
+    Raises:
+        InputError: It diverges on more than a few of the tosses.
     """
-    world = simulator.world
-    if not isinstance(world, UsersWorld):
-        return simulator, []
+    world, dt, n, remarks = simulator.world, frame_time(tosses), len(tosses), []
+    if isinstance(world, UsersWorld):
+        world.motions.process.seconds = settings.simulator_seconds
     first = State(np.stack([toss.q[0] for toss in tosses]), np.stack([toss.v[0] for toss in tosses]))
-    dt = frame_time(tosses)
     steps = np.array([toss.ticks(dt)[-1] for toss in tosses])
-    world.check_clock(first, dt, simulator.about)
     how = steps_of(world, settings.likelihood.simulation)
-    ready = world.prepared(first, steps, dt, most_lost=settings.checks.most_lost, **how)
-    if ready.by_frame:
-        return replace(simulator, world=ready), []
-    return replace(simulator, world=ready), [
-        "The simulator does not go on from a state as it does without a stop, so it has a state beside positions and "
-        "velocities, or returns other velocities than its own. Effects are added to its whole motions, which is exact "
-        "in flight, and poor in contact."
-    ]
+    run = world.roll_out(first.q, first.v, n_steps=steps, dt=dt, **how, n_threads=settings.n_threads)
+    far = np.abs(np.where(np.isfinite(run[..., :3]), run[..., :3], np.inf)).max(axis=(1, 2))
+    lost = [toss.name for toss, size in zip(tosses, far, strict=True) if not size < FARTHEST]
+    if len(lost) > MOST_DIVERGED * n:
+        raise InputError(
+            f"{simulator.about}: the simulator diverges (NaN, or farther than {FARTHEST:g} m) on {len(lost)} of {n} "
+            f"tosses, the first of them '{lost[0]}'"
+        )
+    if lost:
+        remarks.append(f"The simulator diverges on {len(lost)} of {n} tosses: {', '.join(lost)}.")
+    if not isinstance(world, UsersWorld):
+        return simulator, remarks
+    world.check_clock(first, dt, simulator.about)
+    ready = world.prepared(first, steps, dt, most_lost=MOST_LOST, **how)
+    if not ready.by_frame:
+        remarks.append(
+            "The simulator does not go on from a state as it does without a stop, so it has a state beside positions "
+            "and velocities, or returns other velocities than its own. Effects are added to its whole motions, which "
+            "is exact in flight, and poor in contact."
+        )
+    return replace(simulator, world=ready), remarks
 
 
-def moves(toss: Toss, settings: CheckSettings = CheckSettings()) -> bool:
+def moves(toss: Toss) -> bool:
     """Whether anything moves in a toss: away from its first pose by much more than the noise of its poses.
 
     Args:
         toss: As recorded.
-        settings: How many standard deviations of noise are no motion.
     """
     std = np.sqrt(np.median(np.einsum("nii->ni", toss.measured[1]), axis=0))
     far = np.linalg.norm(toss.q[:, :3] - toss.q[0, :3], axis=1).max()
     turned = geodesic_angle(toss.q[:, 3:7], toss.q[0, 3:7]).max()
-    return bool(far > settings.still * max(std[:3].max(), 1e-4) or turned > settings.still * max(std[3:6].max(), 1e-3))
+    return bool(far > STILL * max(std[:3].max(), 1e-4) or turned > STILL * max(std[3:6].max(), 1e-3))

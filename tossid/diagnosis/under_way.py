@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from tossid.diagnosis.inference.evidence import Evidence
@@ -19,36 +18,16 @@ GAP, SEARCH, JUDGED = 0.05, 0.35, 0.85
 """Shares of the whole that are done when the gap is known, the search has ended, and it has been judged."""
 
 
-@dataclass(frozen=True)
-class SoFar:
-    """What is known at a time.
-
-    Attributes:
-        tosses: That are searched.
-        first: Evidence of the simulator as it is stated.
-        present: With the effects that have joined; None before a round has ended.
-        suspects: Names of effects that may join, with their gains of log-likelihood by one step.
-        started: When this became known first (`time.perf_counter`).
-    """
-
-    tosses: tuple[Toss, ...]
-    first: Evidence
-    present: Fit | None = None
-    suspects: tuple[tuple[str, float], ...] = ()
-    started: float = field(default_factory=time.perf_counter)
-
-    @property
-    def seconds(self) -> float:
-        """How long ago the gap became known [s]."""
-        return time.perf_counter() - self.started
-
-
 class UnderWay:
     """Reports of a diagnosis that is under way. To call it reports progress.
 
     Attributes:
         stage: What is under way.
-        so_far: What is known; None before the gap is.
+        tosses: That are searched.
+        first: Evidence of the simulator as it is stated; None before the gap is known.
+        present: With the effects that have joined; None before a round has ended.
+        suspects: Names of effects that may join, with their gains of log-likelihood by one step.
+        since: When the gap became known (`time.perf_counter`).
         answer: What has been concluded; None before.
         progress: Called with what is under way, and the share that is done.
     """
@@ -60,9 +39,12 @@ class UnderWay:
             progress: Called with what is under way, and the share that is done.
             news: Called with a line on what has become known.
         """
-        self.stage = ""
+        self.stage, self.since = "", 0.0
+        self.tosses: tuple[Toss, ...] = ()
+        self.first: Evidence | None = None
+        self.present: Fit | None = None
+        self.suspects: tuple[tuple[str, float], ...] = ()
         self.answer: Diagnosis | None = None
-        self.so_far: SoFar | None = None
         self.progress, self._news, self._last = progress, news, ""
 
     def __call__(self, what: str, share: float) -> None:
@@ -83,7 +65,7 @@ class UnderWay:
             first: Evidence of the simulator as it is stated.
             line: How large the gap is, in words.
         """
-        self.so_far = SoFar(tuple(tosses), first)
+        self.tosses, self.first, self.since = tuple(tosses), first, time.perf_counter()
         self.say(line)
 
     def watched(self, present: Fit, screening: Screening) -> None:
@@ -93,11 +75,11 @@ class UnderWay:
             present: The hypothesis so far.
             screening: The library beside it.
         """
-        if self.so_far is None:
+        if self.first is None:
             return
         likely = tuple((c.name, c.total) for c in screening.candidates if c.total > 0)
-        if present.n == len(self.so_far.tosses):
-            self.so_far = replace(self.so_far, present=present, suspects=likely)
+        if present.n == len(self.tosses):
+            self.present, self.suspects = present, likely
         found = [
             f"{effect.name} ({', '.join(f'{name} {x:.3g}' for name, x in effect.named(values).items())})"
             for effect, values in present.hypothesis.items()

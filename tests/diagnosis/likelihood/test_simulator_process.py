@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tossid.diagnosis.likelihood.simulator_process import FromFile, Given, SimulatorProcess
+from tossid.diagnosis.likelihood.simulator_process import FromFile, SimulatorProcess
 from tossid.errors import InputError
 
 Q0 = np.array([[0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0], [0.1, 0.2, 0.7, 0.0, 1.0, 0.0, 0.0]])
@@ -36,9 +36,7 @@ def made() -> Iterator[Any]:
     processes: list[SimulatorProcess] = []
 
     def make(source: Any, seconds: float = 60.0) -> SimulatorProcess:
-        process = SimulatorProcess(
-            source if isinstance(source, FromFile) else Given(source), about="mine", seconds=seconds
-        )
+        process = SimulatorProcess(source, about="mine", seconds=seconds)
         processes.append(process)
         return process
 
@@ -52,6 +50,7 @@ def test_motions_come_back_as_the_function_has_them(made: Any) -> None:
     for got, wanted in zip(process(Q0, V0, 7, 0.01), falling(Q0, V0, 7, 0.01), strict=True):
         np.testing.assert_array_equal(got, wanted)
     assert process(Q0[:1], V0[:1], 2, 0.01)[0].shape == (1, 3, 7)
+    assert process.frames == 2 * 7 + 2
 
 
 def test_it_runs_in_another_process_that_starts_again_after_it_was_closed(made: Any) -> None:
@@ -68,63 +67,38 @@ def test_it_runs_in_another_process_that_starts_again_after_it_was_closed(made: 
     assert process(Q0, V0, 1, 0.01)[0][0, 1, 0] not in (first, os.getpid() * 1e-6)
 
 
-def _nan(q0: Any, v0: Any, n_steps: int, dt: float) -> Any:
-    q, v = falling(q0, v0, n_steps, dt)
-    q[1, 3:, 2] = np.nan
-    return q, v
+def but(**values: Any) -> Any:
+    """Free fall with q or v at `at` set to something else."""
 
+    def simulate(q0: np.ndarray, v0: np.ndarray, n_steps: int, dt: float) -> Any:
+        q, v = falling(q0, v0, n_steps, dt)
+        q[values["at"]] = values["is_"](q[values["at"]])
+        return q, v
 
-def _short(q0: Any, v0: Any, n_steps: int, dt: float) -> Any:
-    q, v = falling(q0, v0, n_steps, dt)
-    return q[:, 1:], v[:, 1:]
-
-
-def _shifted(q0: Any, v0: Any, n_steps: int, dt: float) -> Any:
-    q, v = falling(q0, v0, n_steps + 1, dt)
-    return q[:, 1:], v[:, 1:]
-
-
-def _stretched(q0: Any, v0: Any, n_steps: int, dt: float) -> Any:
-    q, v = falling(q0, v0, n_steps, dt)
-    q[..., 3:7] *= 1.5
-    return q, v
-
-
-def _far(q0: Any, v0: Any, n_steps: int, dt: float) -> Any:
-    q, v = falling(q0, v0, n_steps, dt)
-    q[:, 1:, 2] = 1e300
-    return q, v
-
-
-def _huge(q0: Any, v0: Any, n_steps: int, dt: float) -> Any:
-    return np.broadcast_to(0.0, (10**6, 10**6)), v0
-
-
-def _raising(q0: Any, v0: Any, n_steps: int, dt: float) -> Any:
-    raise ValueError("no such friction")
+    return simulate
 
 
 @pytest.mark.parametrize(
     ("function", "says"),
     [
+        (lambda *_: os.kill(os.getpid(), signal.SIGSEGV), r"its process crashed \(SIGSEGV\), called with 2 first"),
+        (lambda *_: os._exit(3), r"its process ended \(exit status 3\)"),
         (
-            lambda *_: os.kill(os.getpid(), signal.SIGSEGV),
-            r"mine: its process crashed \(SIGSEGV\), called with 2 first",
+            but(at=np.s_[1, 3:, 2], is_=lambda x: np.nan),
+            r"q that is not finite in 1 of 2 motions, in row 1 from frame 3 of 5",
         ),
-        (lambda *_: os._exit(3), r"mine: its process ended \(exit status 3\)"),
-        (_nan, r"returns q that is not finite in 1 of 2 motions, in row 1 from frame 3 of 5"),
-        (_short, r"returns q of shape \(2, 5, 7\), expected \(2, 6, 7\)"),
-        (_huge, r"returns q of shape \(1000000, 1000000\), expected"),
-        (_far, r"returns q of 1e\+300, expected at most 10000"),
-        (_shifted, r"begin 0.0\d+ from the first states"),
-        (_stretched, r"quaternions of length 1.5"),
-        (_raising, r"mine: raises ValueError: no such friction \(line \d+ of test_simulator_process.py\)"),
+        (lambda *each: tuple(x[:, 1:] for x in falling(*each)), r"q of shape \(2, 5, 7\), expected \(2, 6, 7\)"),
+        (lambda q0, v0, *_: (np.broadcast_to(0.0, (10**6, 10**6)), v0), r"q of shape \(1000000, 1000000\), expected"),
+        (but(at=np.s_[:, 1:, 2], is_=lambda x: 1e300), r"q of 1e\+300, expected at most 10000"),
+        (but(at=np.s_[..., :3], is_=lambda x: x + 0.02), r"begin 0.02 from the first states"),
+        (but(at=np.s_[..., 3:7], is_=lambda x: 1.5 * x), r"quaternions of length 1.5"),
+        (lambda *_: {}["friction"], r"raises KeyError: 'friction' \(line \d+ of test_simulator_process.py\)"),
         (lambda *_: None, r"returns NoneType, expected a pair of arrays"),
     ],
     ids=["crash", "exit", "nan", "shape", "huge", "far", "first", "quaternion", "raises", "none"],
 )
 def test_each_failure_is_one_clear_error(made: Any, function: Any, says: str) -> None:
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(InputError, match=f"mine: .*{says}"):
         made(function)(Q0, V0, 5, 0.01)
 
 
@@ -139,7 +113,7 @@ def test_a_hang_is_ended(made: Any) -> None:
 LEFT = """
 import os, subprocess, sys, time
 from pathlib import Path
-from tossid.diagnosis.likelihood.simulator_process import FromFile, Given, SimulatorProcess
+from tossid.diagnosis.likelihood.simulator_process import FromFile, SimulatorProcess
 import numpy as np
 
 def hangs(*_):
@@ -148,7 +122,7 @@ def hangs(*_):
     time.sleep(600)
 
 if __name__ == "__main__":
-    source = Given(hangs) if sys.argv[1] == "given" else FromFile(Path(__file__), "hangs")
+    source = hangs if sys.argv[1] == "given" else FromFile(Path(__file__), "hangs")
     SimulatorProcess(source, about="mine", seconds=600.0)(np.zeros((1, 7)), np.zeros((1, 6)), 1, 0.01)
 """
 
@@ -197,10 +171,3 @@ def test_a_function_of_a_file(made: Any, tmp_path: Path) -> None:
     path.write_text("import no_such_engine\n")
     with pytest.raises(InputError, match=r"cannot be loaded: ModuleNotFoundError.*\(line 1 of mine.py\)"):
         made(FromFile(path, "simulate"))(Q0, V0, 3, 0.01)
-
-
-def test_frames_that_are_asked_for_are_counted(made: Any) -> None:
-    process = made(falling)
-    process(Q0, V0, 5, 0.01)
-    process(Q0[:1], V0[:1], 1, 0.01)
-    assert process.frames == 2 * 5 + 1

@@ -10,7 +10,7 @@ import pytest
 
 from tests.models.made import DT, thrown
 from tossid.diagnosis.likelihood import users_world
-from tossid.diagnosis.likelihood.simulator_process import BatchFunction, Given, SimulatorProcess
+from tossid.diagnosis.likelihood.simulator_process import BatchFunction, SimulatorProcess
 from tossid.diagnosis.likelihood.step_changes import State
 from tossid.diagnosis.likelihood.users_world import Motions, UsersWorld
 from tossid.objects import ObjectModel
@@ -29,7 +29,7 @@ def world(cube: ObjectModel) -> Iterator[UsersWorld]:
         run = tossed(moon, q0, v0, n_steps=n_steps, dt=dt, **HOW)
         return run.q, run.v
 
-    process = SimulatorProcess(Given(simulate), about="moon", seconds=60.0)
+    process = SimulatorProcess(simulate, about="moon", seconds=60.0)
     yield UsersWorld.of(World(cube), process)
     process.close()
 
@@ -68,7 +68,6 @@ def test_an_effect_changes_it_as_it_changes_the_stated_object(world: UsersWorld,
 
 
 def test_a_motion_is_asked_for_once(world: UsersWorld) -> None:
-    assert world.motions is not None
     counting, asked = counted(world.motions.process)
     world.motions.process = counting  # type: ignore[assignment]
     q, v = thrown(np.random.default_rng(2), 4)
@@ -83,7 +82,6 @@ def test_a_motion_is_asked_for_once(world: UsersWorld) -> None:
 def test_motions_are_as_long_as_they_are_needed_and_the_latest_are_kept(
     world: UsersWorld, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert world.motions is not None
     counting, asked = counted(world.motions.process)
     motions = Motions(counting)  # type: ignore[arg-type]
     q, v = thrown(np.random.default_rng(8), 4)
@@ -94,14 +92,13 @@ def test_motions_are_as_long_as_they_are_needed_and_the_latest_are_kept(
     frame = motions.next(State(q, v), DT)
     np.testing.assert_array_equal(frame.v, run.v[:, 1])
     np.testing.assert_array_equal(motions.next(State(q[::-1], v[::-1]), DT).v, frame.v[::-1])
-    assert asked[3:] == [(4, 1)]
+    assert len(asked) == 3
 
     monkeypatch.setattr(users_world, "_MOST_AT_ONCE", 40)
     motions(q, v + 0.1, np.full(4, 20), DT)
-    assert asked[4:] == [(2, 20), (2, 20)]
+    assert asked[3:] == [(2, 20), (2, 20)]
 
     monkeypatch.setattr(users_world, "_MOST_KEPT", 3)
-    monkeypatch.setattr(users_world, "_MOST_FRAMES", 3)
     motions(State(q, v).shifted(np.array([0.1, 0.0, 0.0])).q, v, np.full(4, 1), DT)
     np.testing.assert_array_equal(motions(q, v, np.array([9, 40, 10, 3]), DT).q, run.q)
     np.testing.assert_array_equal(motions.next(State(q, v), 2 * DT).q, motions(q, v, np.full(4, 1), 2 * DT).q[:, 1])
@@ -115,7 +112,7 @@ def test_a_change_is_composed_frame_by_frame_in_contact(cube: ObjectModel) -> No
         run = tossed(theirs.system(), q0, v0, n_steps=n_steps, dt=dt, **HOW)
         return run.q, run.v
 
-    users = UsersWorld.of(World(cube), SimulatorProcess(Given(simulate), about="rigid", seconds=60.0))
+    users = UsersWorld.of(World(cube), SimulatorProcess(simulate, about="rigid", seconds=60.0))
     q, v = thrown(np.random.default_rng(3), 12)
     for name, value in (("friction", 0.35), ("inertia", 1.4)):
         run, whole, before, there = (
@@ -149,12 +146,10 @@ def test_derivatives_by_first_states_ask_for_nothing(world: UsersWorld, cube: Ob
     before = world.motions.process.frames if world.motions else 0
     plain = changed.by_first_states.roll_out(q, v, n_steps=40, dt=DT, **HOW)
     np.testing.assert_array_equal(plain, World(cube).roll_out(q, v, n_steps=40, dt=DT, **HOW))
-    assert world.motions is not None
     assert world.motions.process.frames == before
 
 
 def test_motions_near_others_are_not_asked_for_in_the_air(world: UsersWorld) -> None:
-    assert world.motions is not None
     process = world.motions.process
     counting, asked = counted(process)
     q, v = thrown(np.random.default_rng(6), 4)
@@ -164,7 +159,6 @@ def test_motions_near_others_are_not_asked_for_in_the_air(world: UsersWorld) -> 
     wanted = world.roll_out(other, faster, n_steps=steps, dt=DT, **HOW)
     world.roll_out(q, v, n_steps=steps, dt=DT, **HOW)
     afresh = replace(world, motions=Motions(process))
-    assert afresh.motions is not None
     afresh.roll_out(q, v, n_steps=steps, dt=DT, **HOW)
     afresh.motions.process = counting  # type: ignore[assignment]
     run = afresh.roll_out(other, faster, n_steps=steps, dt=DT, near=(q, v), **HOW)
@@ -186,5 +180,5 @@ def test_whether_a_simulator_is_the_same_everywhere_is_tried(world: UsersWorld, 
         run.v[:, 0] = v0
         return run.q, run.v
 
-    users = UsersWorld.of(World(cube), SimulatorProcess(Given(simulate), about="hill", seconds=60.0))
+    users = UsersWorld.of(World(cube), SimulatorProcess(simulate, about="hill", seconds=60.0))
     assert not users.prepared(State(q, v), steps, DT, most_lost=1e9, **HOW).same_everywhere

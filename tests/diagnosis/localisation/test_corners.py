@@ -75,6 +75,8 @@ def test_what_explains_the_gap_leaves_no_wrench_and_little_at_any_corner(cube: O
     contact = next(each for each in place.wrench if each.phase == "contact")
     assert contact.clear
     assert contact.component == "force_along"
+    mean, weight = contact.means["force_along"], cube.mass[0] * 9.81
+    assert mean.low < -(0.25 - cube.friction) * weight < mean.high
     assert not any(each.clear for each in place.wrench_left)
     assert sum(c.share.value for c in place.corners) == pytest.approx(1.0)
     assert sum(c.share.value for c in place.corners_left) < 0.1

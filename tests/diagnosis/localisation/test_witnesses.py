@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 
 from tests.diagnosis.tossed import recorded, seen
 from tests.models.made import DT, thrown
-from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.localisation.witnesses import Witness, witnesses
 from tossid.objects import ObjectModel, load_object
 from tossid.physics.contact.law import Law
@@ -128,13 +126,3 @@ def test_what_moves_in_a_plane_hits_with_an_edge(cube: ObjectModel) -> None:
     said = {w.quantity: w for w in witnesses(tosses, World(cube), truth)}
     assert said["inertia over the stated"].measured.value == pytest.approx(1.2, rel=0.04)
     assert said["rebound of a lone corner"].measured.value == pytest.approx(0.5, abs=0.03)
-
-
-def test_gap_json_has_the_stated_the_found_the_measured_and_the_made_value() -> None:
-    said = Witness("rebound", "restitution", 0.0, 0.31, Interval(0.3, 0.25, 0.35), 7)
-    found = said.as_json()
-    assert (found["stated"], found["found"], found["measured"]["value"]) == (0.0, 0.31, 0.3)
-    assert (found["predicted"], found["contradicts"]) == (None, False)
-    made = replace(said, predicted=Interval(0.4, 0.38, 0.42), contradicts=True).as_json()
-    assert made["predicted"] == {"value": 0.4, "ci95": [0.38, 0.42]}
-    assert made["contradicts"]

@@ -110,16 +110,6 @@ def test_a_uniform_force_needs_no_state(cube: ObjectModel) -> None:
     assert mean.low - 0.003 < 0.1 < mean.high + 0.003
 
 
-def test_missing_friction_is_a_force_against_the_path(cube: ObjectModel) -> None:
-    truth = effect_named("friction").at(World(cube), np.array([0.25]))
-    relation = found(truth, cube, seed=1, n=20)["contact"]
-    assert relation.clear
-    assert relation.component == "force_along"
-    weight = cube.mass[0] * 9.81
-    mean = relation.means["force_along"]
-    assert mean.low < -(0.25 - cube.friction) * weight < mean.high
-
-
 @pytest.mark.parametrize("seed", [11, 12, 13])
 def test_noise_alone_gives_no_finding(cube: ObjectModel, seed: int) -> None:
     for relation in found(World(cube), cube, seed=seed, n=12).values():

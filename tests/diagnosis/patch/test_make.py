@@ -17,9 +17,8 @@ from tossid.diagnosis.inference.hypothesis import COULOMB, ContactLaw, Hypothesi
 from tossid.diagnosis.likelihood.engine_discrepancy import MujocoWorld
 from tossid.diagnosis.patch.make import Patch, make_patch
 from tossid.diagnosis.simulators import world_of_mjcf
-from tossid.errors import InputError
 from tossid.objects import ObjectModel
-from tossid.physics.effects import LIBRARY, RecordingErrors, World
+from tossid.physics.effects import RecordingErrors, World
 from tossid.rotations import quat_exp
 
 USER = """<mujoco model="my cube">
@@ -108,9 +107,20 @@ def test_keys_say_the_objects_numbers(cube: ObjectModel) -> None:
 # ---------------------------------------------------------------- what MuJoCo then does
 
 
-def test_gravity_and_a_uniform_force(users: Path) -> None:
-    d = fly(patched(users, gravity=[9.0], uniform_force=[0.37, 0.0, 0.74]).model, [0] * 6, 0.5)
-    np.testing.assert_allclose(d.qvel[:3], [0.5 * 1.0, 0, -0.5 * (9.0 - 2.0)], atol=1e-9)
+@pytest.mark.parametrize(
+    ("effects", "v", "seconds", "then"),
+    [
+        ({"gravity": [9.0], "uniform_force": [0.37, 0.0, 0.74]}, [0] * 6, 0.5, [0.5, 0, -3.5]),
+        ({"gravity": [0.0], "linear_drag": [0.1]}, [2.0, 0, 0, 0, 0, 0], 1.0, [2.0 * np.exp(-0.1 / 0.37), 0, 0]),
+        ({"gravity": [0.0], "wind": [3.0, 0.0, 0.1]}, [0] * 6, 1.0, [3.0 * (1 - np.exp(-0.1 / 0.37)), 0, 0]),
+    ],
+    ids=["gravity and a force", "drag", "wind"],
+)
+def test_forces_change_flight_as_they_should(
+    users: Path, effects: dict[str, list[float]], v: list[float], seconds: float, then: list[float]
+) -> None:
+    d = fly(patched(users, **effects).model, v, seconds)
+    np.testing.assert_allclose(d.qvel[:3], then, rtol=1e-3, atol=1e-9)
 
 
 def test_a_shifted_centre_of_mass_and_an_inertia(users: Path) -> None:
@@ -131,18 +141,20 @@ def test_size_changes_the_corners_but_not_the_inertia(users: Path, cube: ObjectM
     assert abs(rest.qpos[2] - 1.02 * HALF) < 2e-5
 
 
-def test_sliding_friction_decelerates_by_mu_g(users: Path) -> None:
-    for mu in (0.1, 0.3):
-        d = slide(patched(users, friction=[mu]).model, [1.0, 0, 0, 0, 0, 0], 0.1)
-        assert d.qvel[0] == pytest.approx(1.0 - mu * 9.81 * 0.1, abs=0.02)  # soft contact makes it slow to act
-
-
-def test_anisotropic_friction_brakes_each_axis_by_its_own(users: Path) -> None:
-    m = patched(users, anisotropic_friction=[0.1, 0.3]).model
-    along_x = slide(m, [1.0, 0, 0, 0, 0, 0], 0.1)
-    along_y = slide(m, [0, 1.0, 0, 0, 0, 0], 0.1)
-    assert along_x.qvel[0] == pytest.approx(1.0 - 0.0981, abs=0.01)
-    assert along_y.qvel[1] == pytest.approx(1.0 - 0.2943, abs=0.02)
+@pytest.mark.parametrize(
+    ("effects", "along", "mu"),
+    [
+        ({"friction": [0.1]}, 0, 0.1),
+        ({"friction": [0.3]}, 0, 0.3),
+        ({"anisotropic_friction": [0.1, 0.3]}, 0, 0.1),
+        ({"anisotropic_friction": [0.1, 0.3]}, 1, 0.3),
+        # friction that is found after compliance reaches the pair of geoms
+        ({"compliance": [20000.0, 60.0, 0.0], "friction": [0.3]}, 0, 0.3),
+    ],
+)
+def test_sliding_is_braked_by_its_friction(users: Path, effects: dict[str, list[float]], along: int, mu: float) -> None:
+    d = slide(patched(users, **effects).model, np.eye(6)[along].tolist(), 0.1)
+    assert d.qvel[along] == pytest.approx(1.0 - mu * 9.81 * 0.1, abs=0.02)  # soft contact makes it slow to act
 
 
 def test_torsional_friction_brakes_spin_about_the_vertical(users: Path) -> None:
@@ -158,16 +170,6 @@ def test_tilted_and_raised_ground(users: Path) -> None:
     assert d.qvel[0] > 0.4 * 9.81 * 0.5 * (0.05 - 0.02)  # downhill is +x: the plane was turned about +y
     far = 0.01 / np.cos(0.05) - np.tan(0.05) * d.qpos[0]
     assert d.qpos[2] - HALF == pytest.approx(far, abs=2e-3)
-
-
-def test_linear_drag_slows_as_it_should(users: Path) -> None:
-    d = fly(patched(users, gravity=[0.0], linear_drag=[0.1]).model, [2.0, 0, 0, 0, 0, 0], 1.0)
-    assert d.qvel[0] == pytest.approx(2.0 * np.exp(-0.1 / 0.37), rel=1e-3)
-
-
-def test_wind_carries_along(users: Path) -> None:
-    d = fly(patched(users, gravity=[0.0], wind=[3.0, 0.0, 0.1]).model, [0] * 6, 1.0)
-    assert d.qvel[0] == pytest.approx(3.0 * (1 - np.exp(-0.1 / 0.37)), rel=1e-3)
 
 
 def test_quadratic_drag_on_average_over_directions(users: Path) -> None:
@@ -206,23 +208,13 @@ def test_a_corner_rebounds_with_its_restitution(users: Path) -> None:
     assert d.qvel[2] / -hit == pytest.approx(0.5, abs=0.02)
 
 
-def test_compliance_sinks_by_the_weight_on_its_corners(users: Path) -> None:
-    m = patched(users, compliance=[2000.0, 20.0, 0.0]).model
-    d = fly(m, [0] * 6, 1.0, z=HALF)
-    sunk = HALF - d.qpos[2]
-    assert sunk == pytest.approx(0.37 * 9.81 / 4 / 2000.0, rel=0.01)
-
-
-def test_an_impedance_holds_its_share_of_the_load_at_once(users: Path) -> None:
-    m = patched(users, compliance=[1000.0, 60.0, 0.9]).model
-    d = fly(m, [0] * 6, 1.0, z=HALF)
-    assert HALF - d.qpos[2] == pytest.approx(0.1 * 0.37 * 9.81 / 4 / 1000.0, rel=0.03)
-
-
-def test_friction_found_after_compliance_reaches_the_pair(users: Path) -> None:
-    m = patched(users, compliance=[20000.0, 60.0, 0.0], friction=[0.3]).model
-    d = slide(m, [1.0, 0, 0, 0, 0, 0], 0.1)
-    assert d.qvel[0] == pytest.approx(1.0 - 0.2943, abs=0.02)
+@pytest.mark.parametrize(("stiffness", "damping", "impedance"), [(2000.0, 20.0, 0.0), (1000.0, 60.0, 0.9)])
+def test_compliance_sinks_by_its_share_of_the_load(
+    users: Path, stiffness: float, damping: float, impedance: float
+) -> None:
+    m = patched(users, compliance=[stiffness, damping, impedance]).model
+    sunk = HALF - fly(m, [0] * 6, 1.0, z=HALF).qpos[2]
+    assert sunk == pytest.approx((1 - impedance) * 0.37 * 9.81 / 4 / stiffness, rel=0.03)
 
 
 def test_adhesion_cannot_be_written_as_mjcf(users: Path) -> None:
@@ -295,27 +287,7 @@ def test_the_patched_file_takes_its_meshes_and_textures_along(tmp_path: Path, cu
     assert sorted(m.tex_data[m.tex_adr].tolist()) == [0, 255]
 
 
-# ---------------------------------------------------------------- the user's model as a world
-
-
-def test_a_users_model_is_read_as_mujoco_combines_it(tmp_path: Path) -> None:
-    text = USER.replace('name="floor" type="plane"', 'name="floor" type="plane" pos="0 0 0.02"')
-    text = text.replace('timestep="0.002"', 'timestep="0.002" gravity="0.5 0 -9.7"')
-    path = tmp_path / "a.xml"
-    path.write_text(text.replace('mass="0.37" friction="0.18', 'mass="0.37" friction="0.4'))
-    world, _ = world_of_mjcf(path, width=0.1048)
-    assert world.object.friction == 0.4  # the larger of the two
-    assert world.gravity == pytest.approx(9.7)
-    assert world.forces.x == pytest.approx(0.37 * 0.5)
-    assert world.ground_height == pytest.approx(0.02)
-    assert world.object.mass.sum() == pytest.approx(0.37)
-
-
-def test_a_model_without_ground_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "a.xml"
-    path.write_text(USER.replace('<geom name="floor" type="plane" size="5 5 .1" friction="0.18 0.005 0.0001"/>', ""))
-    with pytest.raises(InputError, match="0 geoms to land on"):
-        world_of_mjcf(path, width=0.1048)
+# ---------------------------------------------------------------- the model as a world
 
 
 def test_recorded_motion_of_a_mujoco_world_is_that_of_a_world(cube: ObjectModel, users: Path) -> None:
@@ -339,7 +311,3 @@ def test_a_motion_that_explodes_is_lost_and_said(cube: ObjectModel) -> None:
     run = MujocoWorld(m, World(cube)).roll_out(q0, v0, n_steps=np.array([5, 5]), dt=0.01)
     assert np.isfinite(run[0]).all()
     assert np.isnan(run[1, -1]).all()
-
-
-def test_the_library_is_all_that_was_tried() -> None:
-    assert len(EFFECTS) == len(LIBRARY)

@@ -11,9 +11,11 @@ from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 
 
 def test_parts_are_changed_by_name() -> None:
-    settings = changed(DiagnoseSettings(), {"degrees_of_freedom": 5.0, "checks__still": 12.0, "seed": 3})
+    settings = changed(
+        DiagnoseSettings(), {"degrees_of_freedom": 5.0, "likelihood__simulation__substeps": 3, "seed": 3}
+    )
     assert settings.likelihood.density.degrees_of_freedom == 5.0
-    assert settings.checks.still == 12.0
+    assert settings.likelihood.simulation.substeps == 3
     assert settings.likelihood.windows == DiagnoseSettings().likelihood.windows
     assert settings.seed == 3
 

@@ -2,7 +2,7 @@
 
 The simulator is a function f(q0, v0, n_steps, dt) -> (q, v) over a batch. It is in a Python file that the user names,
 or the calling program holds it. For the latter the process is forked from this one, so that functions of a notebook and
-closures serve too. Arrays pass through a pipe; nothing is unpickled.
+closures serve too.
 """
 
 from __future__ import annotations
@@ -34,10 +34,9 @@ Array = NDArray[np.float64]
 BatchFunction = Callable[[Array, Array, int, float], tuple[Array, Array]]
 """(q0 (B, nq), v0 (B, nv), n_steps, dt) -> q (B, n_steps + 1, nq), v (B, n_steps + 1, nv), first states included."""
 
-_FIRST_STATE = 1e-3
+FIRST_STATE = 1e-3
 """Difference of a first state that is returned to the one that was given, from which it is not the same."""
-_RESULT, _PROBLEM = b"R", b"P"
-_LOOK_S = 1.0
+LOOK_S = 1.0
 """Time after which a process looks again whether its parent is still there [s]."""
 
 
@@ -73,21 +72,6 @@ class FromFile:
         return made
 
 
-@dataclass(frozen=True)
-class Given:
-    """A function that the calling program holds.
-
-    Attributes:
-        function: The function.
-    """
-
-    function: BatchFunction
-
-    def load(self) -> BatchFunction:
-        """The function."""
-        return self.function
-
-
 class SimulatorProcess:
     """A user's simulator in a process of its own, which starts with the first call.
 
@@ -97,18 +81,17 @@ class SimulatorProcess:
         frames: How many it has been asked for.
     """
 
-    def __init__(self, source: FromFile | Given, *, about: str, seconds: float) -> None:
+    def __init__(self, source: FromFile | BatchFunction, *, about: str, seconds: float) -> None:
         """Nothing is started yet.
 
         Args:
-            source: Where the function comes from.
+            source: Where the function is, or the function.
             about: The simulator in words, for errors.
             seconds: Longest that the start or a call may take [s].
         """
         self.source, self.about, self.seconds, self.frames = source, about, seconds, 0
         self._lock = threading.Lock()
-        self._process: BaseProcess | None = None
-        self._pipe: Connection | None = None
+        self._running: tuple[BaseProcess, Connection] | None = None
 
     def __call__(self, q0: Array, v0: Array, n_steps: int, dt: float) -> tuple[Array, Array]:
         """Poses (B, n_steps + 1, nq) and velocities (B, n_steps + 1, nv) from first states.
@@ -123,15 +106,11 @@ class SimulatorProcess:
             InputError: The simulator raises, crashes, takes too long, or returns NaN or arrays of another shape.
         """
         with self._lock:
-            pipe = self._started()
+            if self._running is None or not self._running[0].is_alive():
+                self._start()
             self.frames += len(q0) * n_steps
-            try:
-                pipe.send_bytes(_packed(q0, v0, np.array([n_steps, dt])))
-                answer = self._answer(pipe)
-            except (EOFError, BrokenPipeError, ConnectionResetError):
-                raise InputError(f"{self.about}: {self._death()}, called with {_size(q0, n_steps)}") from None
-        q, v = _unpacked(answer)
-        self._check(q, v, q0, n_steps)
+            answer = self._asked((q0, v0, n_steps, dt), f"called with {len(q0)} first states and n_steps = {n_steps}")
+        q, v = answer
         return q, v
 
     def close(self) -> None:
@@ -139,77 +118,44 @@ class SimulatorProcess:
         with self._lock:
             self._stop()
 
-    def _started(self) -> Connection:
-        """The pipe to a process that has loaded the function."""
-        if self._pipe is not None and self._process is not None and self._process.is_alive():
-            return self._pipe
+    def _start(self) -> None:
+        """A process that has loaded the function."""
         self._stop()
-        context = multiprocessing.get_context("fork" if isinstance(self.source, Given) else "spawn")
+        context = multiprocessing.get_context("spawn" if isinstance(self.source, FromFile) else "fork")
         ours, theirs = context.Pipe()
         process = context.Process(target=_serve, args=(theirs, self.source, os.getpid()), daemon=True)  # type: ignore[attr-defined]
         process.start()
         theirs.close()
-        self._process, self._pipe = process, ours
+        self._running = process, ours
         weakref.finalize(self, _end, process)
+        self._asked(None, "while it was loaded")
+
+    def _asked(self, call: tuple[Array, Array, int, float] | None, when: str) -> Any:
+        """The process's answer to a call, or to its start if None."""
+        assert self._running is not None
+        process, pipe = self._running
         try:
-            self._answer(ours)
-        except EOFError:
-            raise InputError(f"{self.about}: {self._death()}, while it was loaded") from None
-        return ours
-
-    def _answer(self, pipe: Connection) -> bytes:
-        """What the process sends next."""
-        if not pipe.poll(self.seconds):
-            self._stop()
-            raise InputError(f"{self.about}: gave no answer within {self.seconds:g} s, and was ended")
-        answer = pipe.recv_bytes()
-        if answer[:1] == _PROBLEM:
-            raise InputError(f"{self.about}: {answer[1:].decode(errors='replace')}")
-        return answer[1:]
-
-    def _death(self) -> str:
-        """How the process ended, in words."""
-        process = self._process
-        if process is not None:
+            if call is not None:
+                pipe.send(call)
+            if not pipe.poll(self.seconds):
+                self._stop()
+                raise InputError(f"{self.about}: gave no answer within {self.seconds:g} s, and was ended")
+            answer = pipe.recv()
+        except (EOFError, ConnectionError):
             process.join(5.0)
-        code = None if process is None else process.exitcode
-        self._stop()
-        if code is not None and code < 0:
-            return f"its process crashed ({signal.Signals(-code).name})"
-        return f"its process ended (exit status {code})"
+            code = process.exitcode
+            self._stop()
+            how = f"crashed ({signal.Signals(-code).name})" if code and code < 0 else f"ended (exit status {code})"
+            raise InputError(f"{self.about}: its process {how}, {when}") from None
+        if isinstance(answer, str):
+            raise InputError(f"{self.about}: {answer}")
+        return answer
 
     def _stop(self) -> None:
-        if self._process is not None:
-            _end(self._process)
-        if self._pipe is not None:
-            self._pipe.close()
-        self._process = self._pipe = None
-
-    def _check(self, q: Array, v: Array, q0: Array, n_steps: int) -> None:
-        for name, got in (("q", q), ("v", v)):
-            bad = np.flatnonzero(~np.isfinite(got).all(axis=(1, 2)))
-            if len(bad):
-                frame = int(np.argmin(np.isfinite(got[bad[0]]).all(axis=1)))
-                raise InputError(
-                    f"{self.about}: returns {name} that is not finite in {len(bad)} of {len(q0)} motions, in row "
-                    f"{bad[0]} from frame {frame} of {n_steps} on; its first state is q0 = "
-                    f"{np.array2string(q0[bad[0]], precision=4)}"
-                )
-            largest, limit = np.abs(got).max(), VALUES.position if name == "q" else VALUES.velocity
-            if largest > limit:
-                raise InputError(f"{self.about}: returns {name} of {largest:.3g}, expected at most {limit:g}")
-        length = np.linalg.norm(q[..., 3:7], axis=-1)
-        if np.abs(length - 1.0).max() > _FIRST_STATE:
-            raise InputError(f"{self.about}: returns quaternions of length {length.min():.4f} to {length.max():.4f}")
-        sign = np.sign((q[:, 0, 3:7] * q0[:, 3:7]).sum(-1, keepdims=True))
-        begun = np.concatenate([q[:, 0, :3], sign * q[:, 0, 3:7], q[:, 0, 7:]], axis=1)
-        off = float(np.abs(begun - q0).max())
-        if off > _FIRST_STATE:
-            raise InputError(f"{self.about}: returns motions that begin {off:.3g} from the first states it was given")
-
-
-def _size(q0: Array, n_steps: int) -> str:
-    return f"{len(q0)} first states and n_steps = {n_steps}"
+        if self._running is not None:
+            _end(self._running[0])
+            self._running[1].close()
+        self._running = None
 
 
 def _end(process: BaseProcess) -> None:
@@ -222,73 +168,73 @@ def _end(process: BaseProcess) -> None:
     process.join(5.0)
 
 
-def _end_with_parent(parent: int) -> None:
-    """Wait for the end of the parent, which may have been killed, and end this process's group."""
-    while os.getppid() == parent:
-        time.sleep(_LOOK_S)
-    os.killpg(0, signal.SIGKILL)
+# ---------------------------------------------------------------- in the process
 
 
-def _serve(pipe: Connection, source: FromFile | Given, parent: int) -> None:
-    """Answer calls until the pipe ends. What the simulator prints goes to standard error."""
+def _serve(pipe: Connection, source: FromFile | BatchFunction, parent: int) -> None:
+    """Answer calls until the pipe ends: with (q, v), or with what is wrong in words.
+
+    What the simulator prints goes to standard error.
+    """
     os.setpgid(0, 0)  # Ctrl-C is for the command, and what the simulator starts can be ended with it
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, args=(parent,), daemon=True).start()
     os.dup2(2, 1)
     try:
-        function = source.load()
+        function = source.load() if isinstance(source, FromFile) else source
     except InputError as error:
-        pipe.send_bytes(_PROBLEM + str(error).encode())
+        pipe.send(str(error))
         return
     except BaseException as error:
-        pipe.send_bytes(_PROBLEM + f"cannot be loaded: {_brief(error)}".encode())
+        pipe.send(f"cannot be loaded: {_brief(error)}")
         return
-    pipe.send_bytes(_RESULT)
-    while True:
-        try:
-            request = pipe.recv_bytes()
-        except EOFError:
-            return
-        q0, v0, (n_steps, dt) = _unpacked(request)
-        pipe.send_bytes(_called(function, q0, v0, int(n_steps), float(dt)))
+    pipe.send(None)
+    with suppress(EOFError):
+        while True:
+            pipe.send(_answer(function, *pipe.recv()))
 
 
-def _called(function: BatchFunction, q0: Array, v0: Array, n_steps: int, dt: float) -> bytes:
-    """The answer to one call."""
+def _end_with_parent(parent: int) -> None:
+    """Wait for the end of the parent, which may have been killed, and end this process's group."""
+    while os.getppid() == parent:
+        time.sleep(LOOK_S)
+    os.killpg(0, signal.SIGKILL)
+
+
+def _answer(function: BatchFunction, q0: Array, v0: Array, n_steps: int, dt: float) -> tuple[Array, Array] | str:
+    """What a function returns, or what is wrong with it."""
     try:
         answer: Any = function(q0, v0, n_steps, dt)
     except Exception as error:
-        return _PROBLEM + f"raises {_brief(error)}".encode()
+        return f"raises {_brief(error)}"
     try:
         q, v = (np.asarray(each, dtype=float) for each in answer)
     except (TypeError, ValueError):
-        return _PROBLEM + f"returns {type(answer).__name__}, expected a pair of arrays (q, v)".encode()
-    for name, got, first in (("q", q, q0), ("v", v, v0)):
+        return f"returns {type(answer).__name__}, expected a pair of arrays (q, v)"
+    for name, got, first, limit in (("q", q, q0, VALUES.position), ("v", v, v0, VALUES.velocity)):
         wanted = (len(first), n_steps + 1, first.shape[1])
         if got.shape != wanted:
             axes = f"(batch, n_steps + 1, n{name}), the first state included"
-            return _PROBLEM + f"returns {name} of shape {got.shape}, expected {wanted}: {axes}".encode()
-    return _RESULT + _packed(q, v)
-
-
-def _packed(*arrays: Array) -> bytes:
-    """Arrays of numbers as bytes: of each its number of axes, its shape, and its values."""
-    parts = []
-    for array in arrays:
-        parts += [np.array([array.ndim, *array.shape], dtype=np.int64).tobytes(), np.asarray(array, float).tobytes()]
-    return b"".join(parts)
-
-
-def _unpacked(packed: bytes) -> list[Array]:
-    """The arrays of `_packed`."""
-    arrays, at = [], 0
-    while at < len(packed):
-        (axes,) = np.frombuffer(packed, np.int64, 1, at)
-        shape = np.frombuffer(packed, np.int64, axes, at + 8)
-        size, at = int(np.prod(shape)), at + 8 * (1 + int(axes))
-        arrays.append(np.frombuffer(packed, float, size, at).reshape(shape).copy())
-        at += 8 * size
-    return arrays
+            return f"returns {name} of shape {got.shape}, expected {wanted}: {axes}"
+        finite = np.isfinite(got).all(axis=2)
+        if not finite.all():
+            row = int(np.argmin(finite.all(axis=1)))
+            return (
+                f"returns {name} that is not finite in {(~finite.all(axis=1)).sum()} of {len(q0)} motions, in row "
+                f"{row} from frame {np.argmin(finite[row])} of {n_steps} on; its first state is q0 = "
+                f"{np.array2string(q0[row], precision=4)}"
+            )
+        if np.abs(got).max() > limit:
+            return f"returns {name} of {np.abs(got).max():.3g}, expected at most {limit:g}"
+    length = np.linalg.norm(q[..., 3:7], axis=-1)
+    if np.abs(length - 1.0).max() > FIRST_STATE:
+        return f"returns quaternions of length {length.min():.4f} to {length.max():.4f}"
+    sign = np.sign((q[:, 0, 3:7] * q0[:, 3:7]).sum(-1, keepdims=True))
+    begun = np.concatenate([q[:, 0, :3], sign * q[:, 0, 3:7], q[:, 0, 7:]], axis=1)
+    off = float(np.abs(begun - q0).max())
+    if off > FIRST_STATE:
+        return f"returns motions that begin {off:.3g} from the first states it was given"
+    return q, v
 
 
 def _brief(error: BaseException) -> str:

@@ -71,16 +71,14 @@ class State:
         return State(np.concatenate([self.q, other.q]), np.concatenate([self.v, other.v]))
 
     def shifted(self, by: Array) -> State:
-        """The same, moved by (3,) [m]."""
+        """The same, moved by (3,) or (B, 3) [m]."""
         q = self.q.copy()
         q[..., :3] += by
         return State(q, self.v)
 
     def raised(self, by: Array) -> State:
         """The same, higher by (B,) [m]."""
-        q = self.q.copy()
-        q[..., 2] += by
-        return State(q, self.v)
+        return self.shifted(by[..., None] * np.array([0.0, 0.0, 1.0]))
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,8 @@ from tossid.physics.effects import World
 
 Array = NDArray[np.float64]
 
-_MOST_KEPT, _MOST_FRAMES = 30_000, 60_000
-"""Motions, and single frames, that are kept by their first states, the latest: fits ask for the same ones again."""
+_MOST_KEPT = 1_000_000
+"""Frames of motions that are kept by their first states, the latest: fits ask for the same ones again."""
 _TOGETHER = 2
 """Frames by which motions that are asked for in one call differ in length at most."""
 _MOST_AT_ONCE = 10_000
@@ -57,7 +57,7 @@ class Motions:
 
     process: SimulatorProcess
     _kept: dict[bytes, State] = field(default_factory=dict)
-    _frames: dict[bytes, State] = field(default_factory=dict)
+    _frames: int = 0
 
     def __call__(self, q: Array, v: Array, steps: NDArray[np.int64], dt: float) -> State:
         """(B, T + 1, nq) configurations, (B, T + 1, nv) velocities; each stays beyond its own number of steps.
@@ -68,23 +68,24 @@ class Motions:
             steps: (B,) frames after the first; T is the most of them.
             dt: Between frames [s].
         """
-        frames, keys = int(steps.max()) + 1, _keys(q, v, dt)
-        out = State(np.empty((len(q), frames, q.shape[1])), np.empty((len(q), frames, v.shape[1])))
+        keys = [row.tobytes() for row in np.column_stack([q, v, np.full(len(q), dt)])]
         known = [self._kept.get(key) for key in keys]
         lacking = np.array([run is None or len(run.q) <= n for run, n in zip(known, steps, strict=True)])
-        asked = -(-steps // _TOGETHER) * _TOGETHER
+        asked = np.where(steps == 1, 1, -(-steps // _TOGETHER) * _TOGETHER)
         for length in np.unique(asked[lacking]).tolist():
             every = np.flatnonzero(lacking & (asked == length))
             for rows in np.array_split(every, max(1, -(-len(every) * length // _MOST_AT_ONCE))):
                 made = State(*self.process(q[rows], v[rows], length, dt))
                 for i, row in enumerate(rows.tolist()):
+                    shorter = known[row]
+                    self._frames += length - (0 if shorter is None else len(shorter.q) - 1)
                     known[row] = self._kept[keys[row]] = made.rows(i)
-        _forget_oldest(self._kept, _MOST_KEPT)
-        for row, (run, last) in enumerate(zip(known, steps.tolist(), strict=True)):
-            assert run is not None
-            for whole, part in ((out.q, run.q), (out.v, run.v)):
-                whole[row, : last + 1], whole[row, last + 1 :] = part[: last + 1], part[last]
-        return out
+        if self._frames > _MOST_KEPT:  # the older half is forgotten
+            for key in list(self._kept)[: len(self._kept) // 2]:
+                self._frames -= len(self._kept.pop(key).q) - 1
+        frame = np.minimum(np.arange(int(steps.max()) + 1), steps[:, None])
+        runs = [run.rows(at) for run, at in zip(known, frame, strict=True) if run is not None]
+        return State(np.stack([run.q for run in runs]), np.stack([run.v for run in runs]))
 
     def next(self, at: State, dt: float) -> State:
         """States a frame later.
@@ -93,29 +94,7 @@ class Motions:
             at: (B, nq) configurations and (B, nv) velocities.
             dt: Of the frame [s].
         """
-        keys = _keys(at.q, at.v, dt)
-        known = [self._frames.get(key) for key in keys]
-        rows = [row for row, then in enumerate(known) if then is None]
-        if rows:
-            made = State(*self.process(at.q[rows], at.v[rows], 1, dt))
-            for i, row in enumerate(rows):
-                known[row] = self._frames[keys[row]] = made.rows((i, 1))
-            _forget_oldest(self._frames, _MOST_FRAMES)
-        then = [each for each in known if each is not None]
-        return State(np.stack([each.q for each in then]), np.stack([each.v for each in then]))
-
-
-def _keys(q: Array, v: Array, dt: float) -> list[bytes]:
-    """By which motions from first states are kept."""
-    rows = np.column_stack([q, v, np.full(len(q), dt)])
-    return [row.tobytes() for row in rows]
-
-
-def _forget_oldest(kept: dict[bytes, State], most: int) -> None:
-    """Forget the older half where there are more than `most`."""
-    if len(kept) > most:
-        for key in list(kept)[: len(kept) // 2]:
-            kept.pop(key, None)
+        return self(at.q, at.v, np.ones(len(at.q), dtype=np.int64), dt).rows((slice(None), 1))
 
 
 @dataclass(frozen=True)
@@ -131,8 +110,8 @@ class UsersWorld(World):
         level: Whether the simulator is the same wherever a motion begins along x and y.
     """
 
-    motions: Motions | None = None
-    stated: World | None = None
+    motions: Motions = field(kw_only=True)
+    stated: World = field(kw_only=True)
     by_frame: bool = True
     contact: Contact = Contact()
     level: bool = False
@@ -159,8 +138,6 @@ class UsersWorld(World):
             most_lost: Largest `Frames.lost` of a motion that goes on from any state.
             **how: As of `World.roll_out`.
         """
-        assert self.motions is not None
-        assert self.stated is not None
         frames = frames_of(self.motions, self.motions.next, first, steps, dt, self.stated)
         away = self.motions.next(frames.before.shifted(_AWAY), dt).shifted(-_AWAY)
         level = bool(np.abs(away.minus(frames.after)).max(initial=0.0) < _SAME)
@@ -183,7 +160,6 @@ class UsersWorld(World):
             InputError: In one frame, half of the tosses move less than half as far as their velocity says, or twice as
                 far.
         """
-        assert self.motions is not None
         speed = np.linalg.norm(first.v[:, :3], axis=1)
         fast = speed > _SLOWEST
         for between in (dt, _OTHER_CLOCK * dt) if fast.any() else ():
@@ -215,7 +191,6 @@ class UsersWorld(World):
         Derivatives lead to first states, and say how uncertain they are. The user's simulator would be asked for twelve
         motions for each of one window.
         """
-        assert self.stated is not None
         frames = {name: getattr(self, name) for name in ("recording", "ground_height", "ground_tilt")}
         return replace(self.contact.of(self.stated), **frames)
 
@@ -245,8 +220,6 @@ class UsersWorld(World):
                 simulator is asked for those, and not for each that differs by as much as in ours.
             **how: As of `World.roll_out`, for the changes.
         """
-        assert self.motions is not None
-        assert self.stated is not None
         steps = np.array(np.broadcast_to(np.asarray(n_steps, dtype=np.int64), (len(q0),)))
         world, none = self.plain(), replace(self.stated, recording=self.recording)
         true_dt = dt / self.recording.clock_rate
@@ -267,7 +240,6 @@ class UsersWorld(World):
         self, first: State, steps: NDArray[np.int64], changes: StepChanges, beside: State | None = None
     ) -> State:
         """Motions in the ground's frame; in the air they may be found by those from states beside."""
-        assert self.motions is not None
         alike = _move_alike(changes.with_effects, changes.none)
         if alike and beside is not None:
             return self._beside(first, steps, changes, beside)
@@ -290,7 +262,6 @@ class UsersWorld(World):
 
     def _beside(self, first: State, steps: NDArray[np.int64], changes: StepChanges, beside: State) -> State:
         """Motions without changes. Until contact they differ from motions beside as much as in ours."""
-        assert self.motions is not None
         run = self.motions(beside.q, beside.v, steps, changes.dt)
         begins = self._first_contact((run,), steps)
         if not self.by_frame:
@@ -312,7 +283,6 @@ class UsersWorld(World):
 
     def _go_on(self, run: State, begins: NDArray[np.int64], steps: NDArray[np.int64], dt: float) -> None:
         """Motions of the user's simulator from frames `begins` on, in place."""
-        assert self.motions is not None
         rows = np.flatnonzero(begins < steps)
         if not len(rows):
             return
@@ -337,7 +307,6 @@ class UsersWorld(World):
         changes: StepChanges,
     ) -> None:
         """Motions `run` from `begins` on, in place."""
-        assert self.motions is not None
         quiet = np.zeros(len(steps), dtype=np.int64)
         ends = steps.copy()
         for frame in range(int(begins[rows].min()), int(steps[rows].max())):

@@ -9,7 +9,6 @@ measured with noise, and the hypothesis is judged on them like on tosses.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from tossid.diagnosis.inference.evidence import Evidence, collect
 from tossid.diagnosis.likelihood.states import difference, moved_pose
 from tossid.diagnosis.likelihood.windows import Windows
+from tossid.diagnosis.parts import Part
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ FIXED_SUBSTEPS = 16
 
 
 @dataclass(frozen=True)
-class SolverDisagreement:
+class SolverDisagreement(Part):
     """The gap that another exact solver of the same rigid body shows.
 
     Attributes:
@@ -37,10 +37,6 @@ class SolverDisagreement:
     gap: float
     position_mm: float
     rotation_deg: float
-
-    def as_json(self) -> dict[str, Any]:
-        """gap.json's "solver_disagreement"."""
-        return {"gap": self.gap, "position_mm": self.position_mm, "rotation_deg": self.rotation_deg}
 
 
 def solver_disagreement(evidence: Evidence, *, seed: int) -> SolverDisagreement:

@@ -19,18 +19,17 @@ from numpy.typing import NDArray
 from tossid.diagnosis.likelihood.density import student_deviance
 from tossid.diagnosis.likelihood.states import difference
 from tossid.diagnosis.likelihood.windows import Windows
+from tossid.robust import NORMAL_MAD
 from tossid.rotations import quat_boxminus
 from tossid.settings.diagnosis.likelihood import DensitySettings
 
 Array = NDArray[np.float64]
 
-_OF_THIRD_DIFFERENCES = math.sqrt(20.0)
+OF_THIRD_DIFFERENCES = math.sqrt(20.0)
 """Standard deviation of a third difference of independent errors over theirs: 1, -3, 3, -1."""
-_OF_MEDIAN = 0.6745
-"""Median of the absolute value of a standard normal variable."""
-_ORDER = 3
+ORDER = 3
 """Order of the differences."""
-_FEWEST = 30
+FEWEST = 30
 """Third differences from which noise is measured."""
 
 
@@ -90,13 +89,13 @@ def measure_noise(windows: Windows) -> MeasuredNoise:
     for w in np.flatnonzero(windows.free):
         n = int(windows.steps[w])
         q, std = windows.y[w, :n], windows.y_noise[w, :n].mean(axis=0)
-        if n <= _ORDER:
+        if n <= ORDER:
             continue
         # differences of frames that follow each other
-        there = np.lib.stride_tricks.sliding_window_view(windows.present[w, :n], _ORDER + 1).all(axis=1)
-        position.append((np.diff(q[:, :3], n=_ORDER, axis=0) / std[:3])[there][:, ~still[:3]].ravel())
+        there = np.lib.stride_tricks.sliding_window_view(windows.present[w, :n], ORDER + 1).all(axis=1)
+        position.append((np.diff(q[:, :3], n=ORDER, axis=0) / std[:3])[there][:, ~still[:3]].ravel())
         turns = quat_boxminus(q[1:, 3:7], q[:-1, 3:7])
-        rotation.append((np.diff(turns, n=_ORDER - 1, axis=0) / std[3:6])[there][:, ~still[3:6]].ravel())
+        rotation.append((np.diff(turns, n=ORDER - 1, axis=0) / std[3:6])[there][:, ~still[3:6]].ravel())
     return MeasuredNoise(_size(position), _size(rotation), tuple(map(bool, still)) if still.any() else ())
 
 
@@ -116,9 +115,9 @@ def still_channels(windows: Windows) -> NDArray[np.bool_]:
 def _size(values: list[Array]) -> float | None:
     """Robust size of normalised third differences, over what the stated noise gives."""
     all_values = np.concatenate(values) if values else np.zeros(0)
-    if len(all_values) < _FEWEST:
+    if len(all_values) < FEWEST:
         return None
-    return float(np.median(np.abs(all_values))) / _OF_MEDIAN / _OF_THIRD_DIFFERENCES
+    return float(NORMAL_MAD * np.median(np.abs(all_values))) / OF_THIRD_DIFFERENCES
 
 
 def noise_floor(windows: Windows) -> Floor:

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import Interval
+from tossid.diagnosis.parts import Part
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Corner:
+class Corner(Part):
     """What of the gap above the noise floor arises in frames in which a corner touches, of all frames with contact.
 
     Attributes:
@@ -33,19 +34,17 @@ class Corner:
 
     def as_json(self) -> dict[str, Any]:
         """One of gap.json's "by_corner"."""
-        interval = [self.share.low, self.share.high]
+        whole = super().as_json()
         return {
-            "corner": list(self.place),
-            "link": self.link,
+            "corner": whole.pop("place"),
+            **whole,
             "share": self.share.value,
-            "ci95": interval,
-            "frames": self.frames,
-            "per_frame": self.per_frame,
+            "ci95": [self.share.low, self.share.high],
         }
 
 
 @dataclass(frozen=True)
-class Relation:
+class Relation(Part):
     """The residual wrench of the windows in a phase, and the state that explains one component of it best.
 
     Attributes:
@@ -84,21 +83,10 @@ class Relation:
     def as_json(self) -> dict[str, Any]:
         """One of gap.json's "wrench", with five points of the curve."""
         some = self.curve[np.linspace(0, len(self.curve) - 1, 5).round().astype(int)]
-        return {
-            "phase": self.phase,
-            "windows": self.windows,
-            "tosses": self.tosses,
-            "component": self.component,
-            "state": self.state,
-            "r2": self.r2.as_json(),
-            "p_value": self.p_value,
-            "clear": self.clear,
-            "r2_state": self.r2_state.as_json(),
-            "p_state": self.p_state,
-            "state_clear": self.state_clear,
-            "curve": [{"state": x, "value": y, "ci95": [low, high]} for x, y, low, high in some.tolist()],
-            "means": {name: mean.as_json() for name, mean in self.means.items()},
-        }
+        curve = [{"state": x, "value": y, "ci95": [low, high]} for x, y, low, high in some.tolist()]
+        whole = {**super().as_json(), "curve": curve}
+        del whole["points"]
+        return whole
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.findings import RESAMPLES, Interval
+from tossid.diagnosis.parts import Part
 from tossid.physics.body import rounded_corner_centres
 from tossid.physics.effects import World
 from tossid.rotations import quat_boxminus, quat_conj, quat_exp, quat_mul, quat_rotate, quat_to_matrix
@@ -62,7 +63,7 @@ DOWN = np.array([0.0, 0.0, -1.0])
 
 
 @dataclass(frozen=True)
-class Witness:
+class Witness(Part):
     """A quantity that tosses reveal without a simulator.
 
     Attributes:
@@ -85,11 +86,6 @@ class Witness:
     tosses: int
     predicted: Interval | None = None
     contradicts: bool = False
-
-    def as_json(self) -> dict[str, Any]:
-        """One of gap.json's "witnesses"."""
-        predicted = None if self.predicted is None else self.predicted.as_json()
-        return {**vars(self), "measured": self.measured.as_json(), "predicted": predicted}
 
 
 class Measurement(NamedTuple):
@@ -213,7 +209,6 @@ class Impacts:
         before: (n, 3) velocity there before [m/s].
         after: (n, 3) velocity there after [m/s].
         q: (n, 4) attitudes, wxyz.
-        height: (n,) of the centre of mass [m].
     """
 
     toss: Index
@@ -223,7 +218,6 @@ class Impacts:
     before: Array
     after: Array
     q: Array
-    height: Array
 
 
 def lone_impacts(tosses: Sequence[Toss], world: World) -> Impacts:
@@ -255,13 +249,12 @@ def lone_impacts(tosses: Sequence[Toss], world: World) -> Impacts:
             if row is not None:
                 numbers.append(number)
                 rows.append(row)
-    values = np.array(rows).reshape(len(rows), 20)
-    arm, dv, dw, before, after, q, height = np.split(values, [3, 6, 9, 12, 15, 19], axis=1)
-    return Impacts(np.array(numbers, dtype=np.int64), arm, dv, dw, before, after, q, height[:, 0])
+    values = np.array(rows).reshape(len(rows), 19)
+    return Impacts(np.array(numbers, dtype=np.int64), *np.split(values, [3, 6, 9, 12, 15], axis=1))
 
 
 def _impact(q: Array, place: Array, t: Array, last: int, first: int, world: World) -> Array | None:
-    """(20,) arm, dv, dw, before, after, attitude and height of an impact between two frames; None of no lone corner.
+    """(19,) arm, dv, dw, before, after and attitude of an impact between two frames; None of no lone corner.
 
     q: (n, 7) poses; place: (n, 3) of the centre of mass [m]; t: (n,) [s]; last: frame before the impact; first: after.
     """
@@ -290,8 +283,7 @@ def _impact(q: Array, place: Array, t: Array, last: int, first: int, world: Worl
     if (len(arms) > 1 and arms[1, 2] - arm[2] < lone) or before[2] > -LEAST_CLOSING:
         return None
     after = v_after + gravity * when + np.cross(w_after, arm)
-    height = p[2:] + v[2] * when + 0.5 * gravity[2] * when**2
-    return np.concatenate([arm, jump, w_after - w, before, after, attitude, height])
+    return np.concatenate([arm, jump, w_after - w, before, after, attitude])
 
 
 def _arms(world: World, attitude: Array) -> Array:

@@ -2,32 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from tossid.settings.diagnosis.likelihood import LikelihoodSettings
-from tossid.settings.kinds import Bounds, Count, Fraction, Positive, Seed, advanced_part
-
-
-@dataclass(frozen=True, kw_only=True)
-class CheckSettings:
-    """Which tosses and simulators are refused."""
-
-    fewest_tosses: Count = 3
-    """tosses below which a gap has no interval"""
-    still: Positive = 10.0
-    """standard deviations of poses within which nothing moves in a toss"""
-    simulator_seconds: Positive = 120.0
-    """longest that a user's own simulator may take for a call [s]"""
-    most_lost: Fraction = 0.2
-    """share of the changes of velocity of a user's simulator that a stop at each frame may change; beyond it, effects
-    are added to whole motions"""
-    size_ratio: Annotated[float, Bounds(above=1)] = 1.6
-    """ratio of the sizes of two objects beyond which one is not a wrong statement of the other"""
-    most_diverged: Fraction = 0.1
-    """share of tosses on which a simulator may diverge"""
-    far: Positive = 1e3
-    """distance from the origin beyond which a simulated toss has diverged [m]"""
+from tossid.settings.kinds import Bounds, Count, Positive, Seed, advanced_part
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +29,12 @@ class DiagnoseSettings:
     repeats: Annotated[int, Bounds(low=0)] = 4
     """how often the search is repeated, each time without another part of the tosses, which then judge what it finds;
     0: never, then nothing is said of how sure it is"""
+    simulator_seconds: Positive = 120.0
+    """longest that a user's own simulator may take for a call [s]"""
     likelihood: LikelihoodSettings = advanced_part(LikelihoodSettings)
     """how likely tosses are under a simulator"""
-    checks: CheckSettings = advanced_part(CheckSettings)
-    """what is refused"""
+
+    @property
+    def n_threads(self) -> int:
+        """`threads`, or one a core."""
+        return self.threads or os.cpu_count() or 1
