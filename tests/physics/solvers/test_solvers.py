@@ -375,6 +375,6 @@ def test_what_cannot_be_a_solver_is_refused_when_it_is_registered() -> None:
     with pytest.raises(InputError, match="Sweeps has a contact solver already"):
         register_solver(Sweeps)(lambda solver, A, b, mu, lam, tolerance: (0, 0.0))
     with pytest.raises(InputError, match=r"class 'dict'>, expected a NamedTuple class"):
-        register_solver(dict)
+        register_solver(dict)(lambda solver, A, b, mu, lam, tolerance: (0, 0.0))
     with pytest.raises(InputError, match=r"takes \(A, b\), expected \(solver, A, b, mu, lam, tolerance\)"):
         register_solver(Unregistered)(lambda A, b: (0, 0.0))
