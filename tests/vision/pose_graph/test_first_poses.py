@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,8 +21,8 @@ from tossid.rotations import (
 )
 from tossid.settings.tracking import TrackSettings
 from tossid.vision.cameras.rig import default_rig
-from tossid.vision.pose_graph.initial import choose, initialise, noise_scale
-from tossid.vision.pose_graph.resect import Resection, Sightings, resect, tag_poses
+from tossid.vision.pose_graph.initial import choose, initialise
+from tossid.vision.pose_graph.resect import Resection, Sightings, chi2_scale, resect, tag_poses
 from tossid.vision.pose_graph.scene import observe
 from tossid.vision.setup.layout import SQUARE, layout_of
 
@@ -45,28 +45,25 @@ def sightings(rng: np.random.Generator, n: int, m: int, sigma: float) -> tuple[S
     return Sightings(group, T_cam_parent, T_target_tag, half, seen, whiten, tag_poses(seen, half)), T
 
 
-def test_poses_are_found_with_honest_information():
+def _turned(found: np.ndarray, T: np.ndarray) -> np.ndarray:
+    return geodesic_angle(matrix_to_quat(T[:, :3, :3]), matrix_to_quat(found[:, :3, :3]))
+
+
+def test_poses_are_found():
     s, T = sightings(np.random.default_rng(1), 200, 3, 1e-4)
     found = resect(s, 200)
     assert found.known.all()
-    turn = geodesic_angle(matrix_to_quat(found.T[:, :3, :3]), matrix_to_quat(T[:, :3, :3]))
-    assert turn.max() < 0.02
-    local = transform_inv(found.T) @ T
-    error = np.concatenate(
-        [np.stack([local[:, 2, 1], local[:, 0, 2], local[:, 1, 0]], axis=1), local[:, :3, 3]], axis=1
-    )
-    nees = np.einsum("ni,nij,nj->n", error, found.information, error) / 6
-    assert np.mean(nees) == pytest.approx(1.0, abs=0.15)
+    assert _turned(found.T[:, 0], T).max() < 0.02
+    # twice a minimum of Huber's loss: χ² but for a few corners
+    assert found.noise_scale() == pytest.approx(1.0, abs=0.05)
 
 
 def test_one_small_tag_leaves_two_poses():
     s, T = sightings(np.random.default_rng(2), 300, 1, 5e-4)
     found = resect(s, 300)
-    angle = geodesic_angle(matrix_to_quat(T[:, :3, :3]), matrix_to_quat(found.T[:, :3, :3]))
-    other = geodesic_angle(matrix_to_quat(T[:, :3, :3]), matrix_to_quat(found.other[:, :3, :3]))
-    either = np.minimum(angle, np.where(found.ambiguous, other, np.inf))
+    angle, other = (_turned(found.T[:, k], T) for k in (0, 1))
     assert np.mean(angle > 0.4) > 0.02  # some are flipped, and for those the right one is the alternative
-    assert np.quantile(either, 0.97) < 0.3
+    assert np.quantile(np.minimum(angle, other), 0.97) < 0.3
     assert (found.gain >= 0).all()
 
 
@@ -74,20 +71,11 @@ def test_a_false_tag_among_five_hardly_matters():
     s, T = sightings(np.random.default_rng(3), 20, 5, 1e-4)
     s.seen[::5] += 0.02  # a tag of each target is elsewhere
     found = resect(replace(s, T_cam_tag=tag_poses(s.seen, s.half)), 20)
-    assert np.quantile(np.linalg.norm(found.T[:, :3, 3] - T[:, :3, 3], axis=1), 0.9) < 0.004
+    assert np.quantile(np.linalg.norm(found.T[:, 0, :3, 3] - T[:, :3, 3], axis=1), 0.9) < 0.004
 
 
 def test_what_is_not_seen_has_no_pose():
     assert np.isnan(tag_poses(np.full((1, 4, 2), np.nan), np.array([0.1]))).all()
-
-
-def test_fits_by_parts_are_the_fits_of_all(monkeypatch: pytest.MonkeyPatch):
-    s, _ = sightings(np.random.default_rng(2), 25, 3, 1e-3)
-    whole = resect(s, 25)
-    monkeypatch.setattr("tossid.vision.pose_graph.resect.FITS_AT_ONCE", 4)
-    parts = resect(s, 25)
-    for item in fields(whole):
-        np.testing.assert_allclose(getattr(parts, item.name), getattr(whole, item.name), rtol=1e-6, atol=1e-9)
 
 
 def test_unknown_cameras_are_placed_by_what_a_known_one_sees(tagged: ObjectModel) -> None:
@@ -113,12 +101,8 @@ def _two(angles: np.ndarray, flipped: np.ndarray, certain: np.ndarray) -> Resect
     )
     first = np.where(flipped[:, None, None], other, true)
     second = np.where(flipped[:, None, None], true, other)
-    cost = np.full(n, 2.0 * 8 - 6)
-    information = np.tile(np.eye(6), (n, 1, 1))
-    gain = np.where(certain, 1000.0, 1.0)
-    return Resection(
-        first, information, cost, np.ones(n, bool), second, information, cost + gain, np.ones(n, bool), np.full(n, 2)
-    )
+    cost = 2.0 * 8 - 6 + np.stack([np.zeros(n), np.where(certain, 1000.0, 1.0)], axis=1)
+    return Resection(np.stack([first, second], axis=1), cost, np.ones(n, bool), np.full(n, 2))
 
 
 def test_certain_neighbours_decide_between_two_poses() -> None:
@@ -134,8 +118,5 @@ def test_certain_neighbours_decide_between_two_poses() -> None:
 
 @pytest.mark.parametrize("scale", [0.5, 3.0])
 def test_the_noises_scale_is_that_of_the_residuals(scale: float) -> None:
-    rng, n = np.random.default_rng(1), 4000
-    eye, cov = np.tile(np.eye(4), (n, 1, 1)), np.tile(np.eye(6), (n, 1, 1))
-    cost = scale**2 * rng.chisquare(18, n)
-    found = Resection(eye, cov, cost, np.ones(n, bool), eye, cov, cost, np.zeros(n, bool), np.full(n, 3))
-    assert noise_scale(found) == pytest.approx(scale, rel=0.02)
+    square = scale**2 * np.random.default_rng(1).chisquare(18, 4000)
+    assert chi2_scale(square, np.full(4000, 18.0)) == pytest.approx(scale, rel=0.02)

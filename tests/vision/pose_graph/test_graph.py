@@ -20,12 +20,14 @@ from tossid.types import Detection
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig
 from tossid.vision.pose_graph.graph import solve
+from tossid.vision.pose_graph.graph_builder import Problem
 from tossid.vision.pose_graph.initial import initialise
 from tossid.vision.pose_graph.scene import observe
+from tossid.vision.pose_graph.state import priors
 from tossid.vision.pose_graph.track import Tracked, track_scene
-from tossid.vision.recordings.formats.bags import read_bag_detections
+from tossid.vision.recordings.bag_contents import read_bag_detections
 from tossid.vision.setup.calibration import read_cameras
-from tossid.vision.setup.layout import Body, BodyTag, Coordinate, Distance, TagLayout, layout_of
+from tossid.vision.setup.layout import Body, BodyTag, Measurement, TagLayout, layout_of
 from tossid.vision.setup.tagslam import read_tagslam
 
 EVERYTHING = TrackSettings(max_sigma=np.inf, max_angle_sigma=np.inf)
@@ -113,8 +115,9 @@ def test_windows_give_what_one_batch_gives(tagged: ObjectModel):
     layout = _without(layout_of(tagged), but=0)
     scene = observe(detections, cameras, layout, dropped=Counter())
     state, used = initialise(scene), np.ones(len(detections), dtype=bool)
-    whole = solve(scene, state, used, covariances=True)
-    parts = solve(scene, state, used, covariances=True, settings=TrackSettings(stream=StreamSettings(window=60)))
+    problem = Problem(scene, used, priors(scene), covariances=True)
+    whole = solve(problem, state)
+    parts = solve(replace(problem, settings=TrackSettings(stream=StreamSettings(window=60))), state)
     distance = np.linalg.norm(whole.state.world[-1][:, :3, 3] - parts.state.world[-1][:, :3, 3], axis=1)
     sigma = np.sqrt(np.diagonal(whole.world_cov[-1], axis1=1, axis2=2)[:, 3:].max(axis=1))
     assert (distance < sigma).all()
@@ -131,7 +134,7 @@ def test_windows_give_what_one_batch_gives(tagged: ObjectModel):
 def test_measured_lengths_weigh():
     detections, cameras, layout = wall(np.random.default_rng(5), noise=0.5)
     # said to be 3 mm further apart than it looks, very surely
-    measurements = (Distance("far", (0, 3), (0, 0), 1.003 * np.hypot(1.0, 0.8), 1e-5),)
+    measurements = (Measurement("far", ((0, 0), (3, 0)), 1.003 * np.hypot(1.0, 0.8), 1e-5),)
     free, held = (
         track_scene(detections, cameras, replace(layout, measurements=m), settings=EVERYTHING)
         for m in ((), measurements)
@@ -144,7 +147,7 @@ def test_measured_lengths_weigh():
 
     assert far(free) == pytest.approx(np.hypot(1.0, 0.8), abs=0.004)
     assert far(held) == pytest.approx(1.003 * np.hypot(1.0, 0.8), abs=1e-4)
-    level = (Coordinate("level", 1, None, np.array([0.0, 0, 1]), 3.01, 1e-6),)
+    level = (Measurement("level", ((1, None),), 3.01, 1e-6, np.array([0.0, 0, 1])),)
     tracked = track_scene(detections, cameras, replace(layout, measurements=level), settings=EVERYTHING)
     assert tracked.layout.bodies[0].tags[1].T_body_tag[2, 3] == pytest.approx(3.01, abs=1e-4)
 

@@ -24,9 +24,9 @@ from tossid.vision.pose_graph.track import track_scene
 from tossid.vision.setup.layout import SQUARE, layout_of
 
 
-def _solved(detections: list[Detection], model: ObjectModel, offsets: dict[int, float] | None = None) -> SolvedScene:
+def _solved(detections: list[Detection], model: ObjectModel) -> SolvedScene:
     scene = observe(detections, default_rig(), layout_of(model), dropped=Counter())
-    return solve_scene(scene, offsets or {}, settings=TrackSettings())
+    return solve_scene(scene, np.zeros(3, dtype=bool), settings=TrackSettings())
 
 
 def test_one_shifted_tag_is_the_only_outlier(tagged: ObjectModel) -> None:
@@ -117,14 +117,14 @@ def solved(tagged: ObjectModel) -> SolvedScene:
     cameras = default_rig()
     detections, _ = filmed_tumble(cameras, tagged, np.random.default_rng(0), n=30)
     scene = observe(detections, cameras, layout_of(tagged), dropped=Counter())
-    return solve_scene(scene, {}, settings=SETTINGS)
+    return solve_scene(scene, np.zeros(3, dtype=bool), settings=SETTINGS)
 
 
 def _gate(solved: SolvedScene, settings: TrackSettings = SETTINGS) -> Gate:
     scene = solved.scene
     b = next(i for i, body in enumerate(scene.bodies) if not body.is_static)
     errors = reproject(scene, solved.solution.state)
-    return gate_steps(scene, solved.solution, errors, solved.used, np.ones(len(scene.t), dtype=bool), b, settings)
+    return gate_steps(scene, solved.solution, errors, solved.used, np.ones(len(scene.t), dtype=bool), [b], settings)
 
 
 def test_a_step_counts_for_the_first_reason_alone() -> None:

@@ -16,25 +16,12 @@ from tossid.vision.setup.tagslam import read_tagslam
 
 
 def test_cameras_come_back_as_written(tmp_path: Path):
-    cameras = [
-        *default_rig(),
-        Camera(
-            "wide",
-            (320, 240),
-            [150, 151, 160, 120],
-            "equidistant",
-            [0.01, -0.02, 0.003, 0.0],
-            look_at([1, 0, 1], [0, 0, 0]),
-        ),
-    ]
+    lens, T = ("equidistant", [0.01, -0.02, 0.003, 0.0]), look_at([1, 0, 1], [0, 0, 0])
+    cameras = [*default_rig(), Camera("wide", (320, 240), [150, 151, 160, 120], *lens, T)]
     write_cameras(cameras, tmp_path)
     for read, written in zip(read_cameras(tmp_path), cameras, strict=True):
-        assert (read.name, read.resolution, read.distortion_model) == (
-            written.name,
-            written.resolution,
-            written.distortion_model,
-        )
-        assert read.rate_hz == written.rate_hz
+        for name in ("name", "resolution", "distortion_model", "rate_hz"):
+            assert getattr(read, name) == getattr(written, name)
         np.testing.assert_array_equal(read.intrinsics, written.intrinsics)
         np.testing.assert_array_equal(read.distortion, written.distortion)
         np.testing.assert_allclose(read.T_world_cam, written.T_world_cam, atol=1e-12)
@@ -159,6 +146,11 @@ def test_what_other_tools_write_is_read(tmp_path: Path, entry: str, distortion: 
         (f"{{clock_offset: .inf, {GOOD}}}", "clock_offset is inf, expected a finite number"),
         (f"{{wiggle_rotation: -1, {GOOD}}}", "expected none below 0"),
         (f"{{rostopic: [1], {GOOD}}}", r"rostopic is \[1\], .* expected names"),
+        ("{intrinsics: [1, 2, x, 4], resolution: [4, 4]}", "intrinsics is 'x'"),
+        ("{intrinsics: [1, 2, .nan, 4], resolution: [4, 4]}", "finite"),
+        ("{intrinsics: [-1, 2, 3, 4], resolution: [4, 4]}", "intrinsics"),
+        (f"{{distortion_model: fov, {GOOD}}}", "fov"),
+        (f"{{camera_model: omni, {GOOD}}}", "omni"),
         ("pinhole", "cam0 is 'pinhole', expected a camera's name with its intrinsics and resolution"),
     ],
 )
@@ -190,18 +182,7 @@ def test_a_pose_that_no_camera_gets_is_refused(tmp_path: Path, text: str, says: 
 
 @pytest.mark.parametrize(
     ("text", "words"),
-    [
-        ("", "no mapping"),
-        ("cam0: [", "YAML"),
-        ("cam0: {intrinsics: [1, 2, 3, 4]}", "resolution"),
-        ("cam0: {intrinsics: [1, 2, x, 4], resolution: [4, 4]}", "intrinsics is 'x'"),
-        ("cam0: {intrinsics: [1, 2, .nan, 4], resolution: [4, 4]}", "finite"),
-        ("cam0: {intrinsics: [1, 2, 3, 4, 5], resolution: [4, 4]}", "intrinsics"),
-        ("cam0: {intrinsics: [-1, 2, 3, 4], resolution: [4, 4]}", "intrinsics"),
-        ("cam0: {intrinsics: [1, 2, 3, 4], resolution: [4, 0]}", "resolution"),
-        ("cam0: {intrinsics: [1, 2, 3, 4], resolution: [4, 4], distortion_model: fov}", "fov"),
-        ("cam0: {intrinsics: [1, 2, 3, 4], resolution: [4, 4], camera_model: omni}", "omni"),
-    ],
+    [("", "no mapping"), ("cam0: [", "YAML"), ("cam0: {intrinsics: [1, 2, 3, 4]}", "resolution")],
 )
 def test_a_damaged_calibration_is_named(tmp_path: Path, text: str, words: str):
     (tmp_path / "cameras.yaml").write_text(text)

@@ -97,13 +97,16 @@ squash:
     )
     layout = read_tagslam(tmp_path / "tagslam.yaml")
     assert [m.name for m in layout.measurements] == ["wall", "high", "floor_tag_3", "floor_tag_4"]
-    assert layout.measurements[0].corners == (0, 3)
-    assert layout.measurements[2].corner is None
+    assert [corner for _, corner in layout.measurements[0].points] == [0, 3]
+    assert layout.measurements[2].points == ((3, None),)
     assert (layout.remaps[0].id, layout.remaps[0].new_id) == (20, 420)
     assert layout.remaps[0].end == pytest.approx(1541686936.513937363)
     assert layout.squashes[1].camera == "cam1"
     assert layout.max_hamming == 1
     assert layout.bodies[0].ignored_tags == {9}
+
+
+BOX = "{is_static: false, type: simple, tags: [{id: 1, size: 0.1}]"
 
 
 @pytest.mark.parametrize(
@@ -123,10 +126,26 @@ squash:
         ("bodies: [{a: {is_static: false, pose: {}}}]", "moves"),
         ("bodies: [{a: {is_static: true}}]\nsquash: [{tags: [1]}]", "time or a camera"),
         ("bodies: [{a: {is_static: true}}]\ndistance_measurements: [{d: {tag1: 1}}]", "tag2"),
-        ("bodies: [{a: {is_static: true}}]\nplane_measurements: [{d: {direction: [1, 1, 0]}}]", "unit vector"),
+        (
+            "bodies: [{a: {is_static: true}}]\n"
+            "plane_measurements: [{d: {tags: [1], direction: [1, 1, 0], distance: 1, noise: 1}}]",
+            "unit vector",
+        ),
+        (f"bodys: []\nbodies: [box: {BOX}}}]", "bodys is no key that is read; did you mean 'bodies'"),
+        (f"remap: []\nbodies: [box: {BOX}}}]", "remap is no key that is read; expected tag_id_remap"),
+        (f"body_defaults: {{pos_noise: 1}}\nbodies: [box: {BOX}}}]", "body_defaults.pos_noise .* 'position_noise'"),
+        (f"bodies: [box: {BOX}, tag_size: 0.1}}]", "box.tag_size is no key that is read; expected default_tag_size"),
+        (f"bodies: [box: {BOX}, fixed: true}}]", "box.fixed is no key that is read; expected one of is_static"),
+        ("bodies: [box: {is_static: false, tags: 5}]", "box.tags is 5, expected a list of tags"),
+        ("bodies: [box: {is_static: false, tags: [{id: 1, sise: 0.1}]}]", r"box.tags\[1\].sise .* 'size'"),
+        (
+            f"distance_measurements: [a: {{tag1: 1, tag2: 2, corner1: 0, corner2: 0, length: 1, noise: 1}}]\n"
+            f"bodies: [box: {BOX}}}]",
+            "distance_measurements.a.length is no key",
+        ),
     ],
 )
-def test_a_damaged_tag_layout_is_named(tmp_path: Path, text: str, words: str):
+def test_what_a_scene_cannot_say_is_named(tmp_path: Path, text: str, words: str):
     (tmp_path / "tagslam.yaml").write_text(text)
     with pytest.raises(FileError, match=words):
         read_tagslam(tmp_path / "tagslam.yaml")
@@ -150,9 +169,6 @@ def test_families_are_read_and_written(tmp_path: Path):
         read_tagslam(path)
 
 
-BOX = "{is_static: false, type: simple, tags: [{id: 1, size: 0.1}]"
-
-
 def test_what_tagslam_takes_in_and_tossid_does_not_use_is_read(tmp_path: Path):
     (tmp_path / "tagslam.yaml").write_text(
         f"""
@@ -165,26 +181,3 @@ bodies:
 """
     )
     assert read_tagslam(tmp_path / "tagslam.yaml").max_hamming == 1
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        (f"bodys: []\nbodies: [box: {BOX}}}]", "bodys is no key that is read; did you mean 'bodies'"),
-        (f"remap: []\nbodies: [box: {BOX}}}]", "remap is no key that is read; expected tag_id_remap"),
-        (f"body_defaults: {{pos_noise: 1}}\nbodies: [box: {BOX}}}]", "body_defaults.pos_noise .* 'position_noise'"),
-        (f"bodies: [box: {BOX}, tag_size: 0.1}}]", "box.tag_size is no key that is read; expected default_tag_size"),
-        (f"bodies: [box: {BOX}, fixed: true}}]", "box.fixed is no key that is read; expected one of is_static"),
-        ("bodies: [box: {is_static: false, tags: 5}]", "box.tags is 5, expected a list of tags"),
-        ("bodies: [box: {is_static: false, tags: [{id: 1, sise: 0.1}]}]", r"box.tags\[1\].sise .* 'size'"),
-        (
-            f"distance_measurements: [a: {{tag1: 1, tag2: 2, corner1: 0, corner2: 0, length: 1, noise: 1}}]\n"
-            f"bodies: [box: {BOX}}}]",
-            "distance_measurements.a.length is no key",
-        ),
-    ],
-)
-def test_a_key_of_a_scene_that_nothing_reads_is_refused(tmp_path: Path, text: str, says: str):
-    (tmp_path / "tagslam.yaml").write_text(text)
-    with pytest.raises(FileError, match=says):
-        read_tagslam(tmp_path / "tagslam.yaml")

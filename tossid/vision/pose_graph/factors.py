@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tossid.kernels import kernel
 from tossid.vision.pose_graph.corner_projection import HUBER, project_tag
 from tossid.vision.setup.hinge import Hinge, Hinges
-from tossid.vision.setup.layout import SQUARE, Coordinate, Distance
+from tossid.vision.setup.layout import SQUARE, Measurement
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -314,20 +314,18 @@ def _huber(r: Array, J: Array, limit: float) -> None:
 
 
 def measurement_factor(
-    measurement: Distance | Coordinate, keys: list[tuple[int, int]], half: list[float], fixed: dict[int, Array]
+    measurement: Measurement, keys: list[tuple[int, int]], half: list[float], fixed: dict[int, Array]
 ) -> gtsam.CustomFactor:
     """A measured length as a factor of the poses of the tags' bodies and of the tags on them.
 
     Args:
         measurement: What was measured.
-        keys: Of T_world_body and T_body_tag, for each tag.
-        half: Half of each tag's size [m].
+        keys: Of T_world_body and T_body_tag, for each point.
+        half: Half of each point's tag's size [m].
         fixed: Poses (4, 4) that are no variables, by key.
     """
-    if isinstance(measurement, Distance):
-        corners = [SQUARE[c] * h for c, h in zip(measurement.corners, half, strict=True)]
-    else:
-        corners = [np.zeros(3) if measurement.corner is None else SQUARE[measurement.corner] * half[0]]
+    points = zip(measurement.points, half, strict=True)
+    corners = [np.zeros(3) if corner is None else SQUARE[corner] * h for (_, corner), h in points]
     free = list(dict.fromkeys(key for pair in keys for key in pair if key not in fixed))
 
     def pose(values: gtsam.Values, key: int) -> Array:
@@ -337,14 +335,13 @@ def measurement_factor(
         places, slopes = [], []
         for (body, tag), x in zip(keys, corners, strict=True):
             T_world_body, T_body_tag = pose(values, body), pose(values, tag)
-            y = T_body_tag[:3, :3] @ x + T_body_tag[:3, 3]
-            places.append(T_world_body[:3, :3] @ y + T_world_body[:3, 3])
-            R = T_world_body[:3, :3]
+            R, y = T_world_body[:3, :3], T_body_tag[:3, :3] @ x + T_body_tag[:3, 3]
+            places.append(R @ y + T_world_body[:3, 3])
             slopes.append(((body, R, y), (tag, R @ T_body_tag[:3, :3], x)))
-        if isinstance(measurement, Distance):
-            way = places[1] - places[0]
-            length = float(np.linalg.norm(way))
-            along = [-way / length, way / length]
+        if measurement.direction is None:
+            between = places[1] - places[0]
+            length = float(np.linalg.norm(between))
+            along = [-between / length, between / length]
         else:
             length = float(measurement.direction @ places[0])
             along = [measurement.direction]

@@ -54,7 +54,7 @@ class Gate:
         self.accepted &= ~bad
 
 
-def gate_tree(
+def gate_steps(
     scene: Scene,
     solution: Solution,
     errors: ReprojectionErrors,
@@ -74,54 +74,28 @@ def gate_tree(
         tree: Numbers of the bodies, the root first.
         settings: The limits.
     """
-    if len(tree) == 1:
-        return gate_steps(scene, solution, errors, rows, seen, tree[0], settings)
-    gate, of_body = Gate(seen), scene.body[scene.tag]
-    visible = [np.bincount(scene.step[rows & (of_body == b)], minlength=len(scene.t)) > 0 for b in tree]
-    gate.reject(seen & ~np.all(visible, axis=0), "a body out of sight")
-    for b, of_one in zip(tree, visible, strict=True):
-        own = gate_steps(scene, solution, errors, rows & (of_body == b), of_one, b, settings)
-        for reason, bad in own.rejected.items():
-            gate.reject(bad, reason)
-    return gate
-
-
-def gate_steps(
-    scene: Scene,
-    solution: Solution,
-    errors: ReprojectionErrors,
-    rows: Bools,
-    seen: Bools,
-    b: int,
-    settings: TrackSettings,
-) -> Gate:
-    """Which time steps have an accepted pose of one moving body.
-
-    Args:
-        scene: The sightings.
-        solution: Poses with covariances.
-        errors: Their reprojection.
-        rows: Sightings of the body, (d,).
-        seen: Steps with detections of it, (n,).
-        b: Number of the body.
-        settings: The limits.
-    """
-    n = len(scene.t)
-    T, cov = solution.state.world[b][:n], solution.world_cov[b][:n]
-    gate = Gate(seen)
-    gate.reject(seen & ~is_known(T), "ambiguous")
-    count = np.bincount(scene.step[rows], minlength=n)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        rms = np.sqrt(np.bincount(scene.step[rows], errors.pixels[rows] ** 2, minlength=n) / count)
-        expected = np.sqrt(np.bincount(scene.step[rows], errors.expected_pixels[rows] ** 2, minlength=n) / count)
-    gate.reject(seen & ((count == 0) | ~np.isfinite(cov[:, 0, 0])), "no pose fits")
-    gate.reject(seen & ~(rms < np.maximum(settings.max_rms, RMS_SIGMAS * expected)), "reprojection")
-    safe = np.where(np.isfinite(cov), cov, 0.0)
-    for part, limit in ((slice(3, 6), settings.max_sigma), (slice(0, 3), settings.max_angle_sigma)):
-        sigma = np.sqrt(np.maximum(np.linalg.eigvalsh(safe[:, part, part])[:, -1], 0.0))
-        typical = float(np.median(sigma[gate.accepted])) if gate.accepted.any() else 0.0
-        gate.reject(seen & (sigma > max(limit, SIGMA_MEDIANS * typical)), "too uncertain")
-    gate.reject(_jumps(scene.t, T, gate.accepted, settings), "jump")
+    gate, n = Gate(seen), len(scene.t)
+    own = [rows if len(tree) == 1 else rows & (scene.body[scene.tag] == b) for b in tree]
+    counts = [np.bincount(scene.step[of_body], minlength=n) for of_body in own]
+    if len(tree) > 1:
+        gate.reject(seen & (np.min(counts, axis=0) == 0), "a body out of sight")
+    for b, of_body, count in zip(tree, own, counts, strict=True):
+        T, cov = solution.state.world[b][:n], solution.world_cov[b][:n]
+        gate.reject(seen & ~is_known(T), "ambiguous")
+        step = scene.step[of_body]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            rms, expected = (
+                np.sqrt(np.bincount(step, pixels[of_body] ** 2, minlength=n) / count)
+                for pixels in (errors.pixels, errors.expected_pixels)
+            )
+        gate.reject(seen & ((count == 0) | ~np.isfinite(cov[:, 0, 0])), "no pose fits")
+        gate.reject(seen & ~(rms < np.maximum(settings.max_rms, RMS_SIGMAS * expected)), "reprojection")
+        safe = np.where(np.isfinite(cov), cov, 0.0)
+        for part, limit in ((slice(3, 6), settings.max_sigma), (slice(0, 3), settings.max_angle_sigma)):
+            sigma = np.sqrt(np.maximum(np.linalg.eigvalsh(safe[:, part, part])[:, -1], 0.0))
+            typical = float(np.median(sigma[gate.accepted])) if gate.accepted.any() else 0.0
+            gate.reject(seen & (sigma > max(limit, SIGMA_MEDIANS * typical)), "too uncertain")
+        gate.reject(_jumps(scene.t, T, gate.accepted, settings), "jump")
     return gate
 
 

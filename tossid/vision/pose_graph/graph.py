@@ -13,8 +13,6 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.settings.tracking import TrackSettings
-from tossid.vision.pose_graph.factors import IDEAL_TAGS, TagModel
 from tossid.vision.pose_graph.graph_builder import Problem, build, hinges_of
 from tossid.vision.pose_graph.least_squares import Marginals, marginals_of, optimise
 from tossid.vision.pose_graph.scene import Scene
@@ -24,12 +22,10 @@ from tossid.vision.pose_graph.state import (
     State,
     TimingModel,
     body_key,
-    calibrates,
     camera_key,
     clock_key,
     joint_key,
     print_key,
-    priors,
     tag_key,
     unsolved,
 )
@@ -40,7 +36,6 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-DEFAULT = TrackSettings()
 INDEPENDENT_WINDOW = 60
 """Time steps that are optimised together where steps share no unknown; the slowest of them sets how often all of them
 are linearised."""
@@ -48,54 +43,30 @@ SAMPLED_STEPS = 20
 """Of a recording longer than a window, so many time steps of each tag and camera, at least, calibrate these."""
 
 
-def solve(
-    scene: Scene,
-    state: State,
-    used: Bools,
-    *,
-    scale: float = 1.0,
-    known: dict[int, Prior] | None = None,
-    timing: TimingModel | None = None,
-    covariances: bool = False,
-    steps: Ints | None = None,
-    tag_model: TagModel = IDEAL_TAGS,
-    solved: bool = False,
-    settings: TrackSettings = DEFAULT,
-) -> Solution:
+def solve(problem: Problem, state: State, *, steps: Ints | None = None) -> Solution:
     """The optimal poses of everything that the used sightings show.
 
     Args:
-        scene: The sightings and the set-up.
+        problem: What is to be solved.
         state: First poses.
-        used: Sightings to use, (d,).
-        scale: Standard deviation of corners over what their covariances say, for the poses' covariances. The poses
-            themselves weigh corners against priors as the corners' covariances say.
-        known: Prior knowledge by key; None for the set-up's.
-        timing: Motion between a step and a frame's own time; None for none.
-        covariances: Whether to find them.
         steps: Time steps to solve; None for all. The others' poses stay.
-        tag_model: How tags differ from flat squares.
-        solved: The poses are optimal already; only covariances are to be found.
-        settings: Of the graph and its windows.
 
     Raises:
         SolverError: The optimisation does not reach a finite error.
     """
-    known = priors(scene) if known is None else known
-    if timing is None:
-        timing = TimingModel([np.zeros((len(T), 6)) for T in state.world], np.zeros(len(scene.cameras)), _none(scene))
-    problem = Problem(scene, used, known, timing, tag_model, settings, scale, covariances, solved)
-    steps = np.unique(scene.step[used]) if steps is None else steps
+    scene, most = problem.scene, problem.settings.stream.window
+    timing = problem.timing or TimingModel.none(scene)
+    steps = np.unique(scene.step[problem.used]) if steps is None else steps
     solution = unsolved(state, timing.clock)
-    together = calibrates(scene, known) or timing.free.any()
-    window = settings.stream.window if together else min(settings.stream.window, INDEPENDENT_WINDOW)
+    together = problem.shares_unknowns or timing.free.any()
+    window = most if together else min(most, INDEPENDENT_WINDOW)
     if len(steps) <= window:
         _batch(problem, solution, steps, statics=True)
         return solution
     learned: dict[int, Prior] = {}
     if together:
         timing, learned = _calibrated(problem, solution, steps, window)
-        problem = replace(problem, timing=timing, known={**known, **learned})
+        problem = replace(problem, timing=timing, known={**problem.known, **learned})
     for a in range(0, len(steps), window):
         _batch(problem, solution, steps[a : a + window], statics=False)
     for key, poses, covs, at in _statics(scene, solution):
@@ -115,7 +86,9 @@ def _calibrated(problem: Problem, solution: Solution, steps: Ints, window: int) 
         for key, poses, covs, at in _statics(scene, solution)
         if np.isfinite(covs[at]).all()
     }
-    return TimingModel(problem.timing.twist, solution.clock.copy(), _none(scene)), learned
+    still = TimingModel.none(scene)
+    twist = still.twist if problem.timing is None else problem.timing.twist
+    return replace(still, twist=twist, clock=solution.clock.copy()), learned
 
 
 def _spread(problem: Problem, steps: Ints, window: int) -> Ints:
@@ -128,10 +101,6 @@ def _spread(problem: Problem, steps: Ints, window: int) -> Ints:
             count = min(SAMPLED_STEPS, len(own))
             chosen.append(own[np.linspace(0, len(own) - 1, count).astype(np.int64)])
     return np.unique(np.concatenate(chosen))
-
-
-def _none(scene: Scene) -> Bools:
-    return np.zeros(len(scene.cameras), dtype=bool)
 
 
 def _statics(scene: Scene, solution: Solution) -> list[tuple[int, Array, Array, int]]:
@@ -170,7 +139,8 @@ def _batch(problem: Problem, solution: Solution, steps: Ints, *, statics: bool) 
     for i in range(len(scene.tags)):
         if values.exists(print_key(i)):
             state.prints[i] = values.atPoint3(print_key(i))
-    for c in map(int, np.flatnonzero(problem.timing.free)):
+    free = np.zeros(0) if problem.timing is None else problem.timing.free
+    for c in map(int, np.flatnonzero(free)):
         if values.exists(clock_key(c)):
             solution.clock[c] = values.atDouble(clock_key(c))
             if marginals is not None:

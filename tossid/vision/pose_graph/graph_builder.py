@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from tossid.rotations import transform_inv
 from tossid.settings.tracking import TrackSettings
-from tossid.vision.pose_graph.factors import Noise, TagModel, View, measurement_factor, view_factor
+from tossid.vision.pose_graph.factors import IDEAL_TAGS, Noise, TagModel, View, measurement_factor, view_factor
 from tossid.vision.pose_graph.scene import Scene
 from tossid.vision.pose_graph.state import (
     STEPS,
@@ -32,7 +32,7 @@ from tossid.vision.pose_graph.state import (
     tag_key,
 )
 from tossid.vision.setup.hinge import Hinge
-from tossid.vision.setup.layout import Distance, chain
+from tossid.vision.setup.layout import chain
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -51,24 +51,34 @@ class Problem:
     Attributes:
         scene: The sightings and the set-up.
         used: Sightings to use, (d,).
-        known: Prior knowledge by key.
-        timing: Motion between a step and a frame's own time, and the clocks.
-        tag_model: How tags differ from flat squares.
+        known: Prior knowledge by key; of a plain problem, the set-up's (`state.priors`).
         settings: All settings of tracking.
-        scale: Standard deviation of corners over what their covariances say, for the poses' covariances.
+        timing: Motion between a step and a frame's own time, and the clocks; None for none.
+        tag_model: How tags differ from flat squares.
+        scale: Standard deviation of corners over what their covariances say, for the poses' covariances. The poses
+            themselves weigh corners against priors as the corners' covariances say.
         covariances: Whether to find them.
-        solved: Whether the poses are optimal already.
+        solved: Whether the poses are optimal already, and only covariances are to be found.
     """
 
     scene: Scene
     used: Bools
     known: dict[int, Prior]
-    timing: TimingModel
-    tag_model: TagModel
-    settings: TrackSettings
-    scale: float
-    covariances: bool
-    solved: bool
+    settings: TrackSettings = TrackSettings()
+    timing: TimingModel | None = None
+    tag_model: TagModel = IDEAL_TAGS
+    scale: float = 1.0
+    covariances: bool = False
+    solved: bool = False
+
+    @property
+    def shares_unknowns(self) -> bool:
+        """Whether time steps share unknowns: something static is not exactly known, or stillness connects them."""
+        scene, known = self.scene, self.known
+        keys = [camera_key(c) for c in range(len(scene.cameras))] + [tag_key(i) for i in range(len(scene.tags))]
+        keys += [body_key(b, 0) for b, body in enumerate(scene.bodies) if body.is_static]
+        still = any(body.stillness is not None for body in scene.bodies)
+        return still or not all(key in known and known[key].exact for key in keys)
 
 
 @dataclass(eq=False)
@@ -90,7 +100,8 @@ def build(problem: Problem, state: State, rows: Bools, *, statics: bool) -> Buil
         rows: Sightings, (d,).
         statics: Whether prints and measured lengths take part, too.
     """
-    scene, known, timing = problem.scene, problem.known, problem.timing
+    scene, known = problem.scene, problem.known
+    timing = problem.timing or TimingModel.none(scene)
     built, half = BuiltGraph(), scene.half
     built.noise.spread_sigma = problem.tag_model.spread_sigma
     free = problem.tag_model.prints if statics else frozenset()
@@ -250,8 +261,7 @@ def _add_stillness(built: BuiltGraph, scene: Scene) -> None:
 def _add_measurements(built: BuiltGraph, scene: Scene, state: State, known: dict[int, Prior]) -> None:
     number = {tag.id: i for i, tag in enumerate(scene.tags)}
     for measurement in scene.measurements:
-        ids = measurement.tags if isinstance(measurement, Distance) else (measurement.tag,)
-        at = [number.get(tag_id, -1) for tag_id in ids]
+        at = [number.get(tag_id, -1) for tag_id, _ in measurement.points]
         if min(at) < 0 or not all(is_known(state.tag[i]) and is_known(state.world[scene.body[i]][0]) for i in at):
             continue
         keys = [

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tossid.errors import InputError
 from tossid.rotations import geodesic_angle, matrix_to_quat, transform_inv
 from tossid.settings.tracking import TrackSettings
-from tossid.vision.pose_graph.resect import DISTINCT_ANGLE, Resection, Sightings, resect
+from tossid.vision.pose_graph.resect import DISTINCT_ANGLE, Resection, resect
 from tossid.vision.pose_graph.scene import Scene
 from tossid.vision.pose_graph.state import State, given, is_known
 
@@ -92,7 +92,7 @@ def place(
             if not own.any():
                 continue
             slots, group = np.unique(slot[rows[own]], return_inverse=True)
-            found = _resect(scene, rows[own], A[own], B[own], group, len(slots))
+            found = resect(scene.sightings(rows[own], A[own], B[own], group), len(slots))
             if seen and not body.is_static:
                 found = _with_hinges(scene, state, b, slots, found)
             chosen, sure = choose(
@@ -105,7 +105,7 @@ def place(
 
 def _with_hinges(scene: Scene, state: State, b: int, steps: Ints, found: Resection) -> Resection:
     """Both poses of a body, with the squared error of its hinges to bodies that are placed added to their costs."""
-    hinge_cost, own = np.zeros((2, len(steps))), scene.bodies[b]
+    hinge_cost, own = np.zeros((len(steps), 2)), scene.bodies[b]
     for other, body in enumerate(scene.bodies):
         if body.hinge is not None and body.hinge.parent == own.name:
             hinge, outward = body.hinge, False
@@ -113,39 +113,10 @@ def _with_hinges(scene: Scene, state: State, b: int, steps: Ints, found: Resecti
             hinge, outward = own.hinge, True
         else:
             continue
-        T_world_other = state.world[other][steps]
-        for row, T in enumerate((found.T, found.other)):
-            pair = (T_world_other, T) if outward else (T, T_world_other)
-            hinge_cost[row] += np.nan_to_num(hinge.misfit(transform_inv(pair[0]) @ pair[1]))
-    if not hinge_cost.any():
-        return found
-    hinge_cost *= noise_scale(found) ** 2  # costs are compared over the noise
-    cost, other_cost = found.cost + hinge_cost[0], found.other_cost + hinge_cost[1]
-    swap = found.ambiguous & (other_cost < cost)
-
-    def swapped(a: Array, c: Array) -> tuple[Array, Array]:
-        return np.where(_along(swap, a), c, a), np.where(_along(swap, a), a, c)
-
-    (T, other_T), (cost, other_cost) = swapped(found.T, found.other), swapped(cost, other_cost)
-    information, other_information = swapped(found.information, found.other_information)
-    return Resection(
-        T, information, cost, found.known, other_T, other_information, other_cost, found.ambiguous, found.count
-    )
-
-
-def _along(rows: Bools, values: Array) -> Bools:
-    """Rows as a mask that broadcasts over values."""
-    return rows.reshape(-1, *(1,) * (values.ndim - 1))
-
-
-def _resect(scene: Scene, rows: Ints, A: Array, B: Array, group: Ints, n: int) -> Resection:
-    order = np.argsort(group, kind="stable")
-    rows = rows[order]
-    whiten = scene.whiten[rows] / np.sqrt(scene.count[rows])[:, None, None, None]
-    sightings = Sightings(
-        group[order], A[order], B[order], scene.half[rows], scene.seen[rows], whiten, scene.T_cam_tag[rows]
-    )
-    return resect(sightings, n)
+        T_world_other = state.world[other][steps][:, None]
+        pair = (T_world_other, found.T) if outward else (found.T, T_world_other)
+        hinge_cost += np.nan_to_num(hinge.misfit(transform_inv(pair[0]) @ pair[1]))
+    return found.ordered(found.cost + found.noise_scale() ** 2 * hinge_cost)  # costs are compared over the noise
 
 
 def _statics(scene: Scene, state: State, settings: TrackSettings, *, last_resort: bool) -> int:
@@ -174,7 +145,7 @@ def _statics(scene: Scene, state: State, settings: TrackSettings, *, last_resort
         else:
             A, B = eye, T_rig_body[rows] @ state.tag[scene.tag[rows]]
         which, group = np.unique(index[rows], return_inverse=True)
-        found = _resect(scene, rows, A, B, group, len(which))
+        found = resect(scene.sightings(rows, A, B, group), len(which))
         chosen, sure = choose(found, None, settings, last_resort=last_resort)
         new = sure & ~is_known(poses[which])
         if new.sum() > 1 and (last_resort or what == "camera"):
@@ -212,13 +183,11 @@ def choose(
         settings: What decides.
         last_resort: Neighbours further away decide too, and weak evidence where nothing else does.
     """
-    noise2 = noise_scale(found) ** 2
-    gain = found.gain / noise2
-    clear = (gain > settings.evidence) & (found.other_cost > COST_RATIO * found.cost)
-    sure = found.known & (clear | ~found.ambiguous)
-    T = found.T.copy()
+    gain = found.gain / found.noise_scale() ** 2
+    sure = found.known & (gain > settings.evidence) & (found.cost[:, 1] > COST_RATIO * found.cost[:, 0])
+    T = found.T[:, 0].copy()
     if t is not None:
-        quat, other = matrix_to_quat(T[:, :3, :3]), matrix_to_quat(found.other[:, :3, :3])
+        quat, other = (matrix_to_quat(found.T[:, k, :3, :3]) for k in (0, 1))
         reach = (10 if last_resort else 1) * settings.max_gap
         for order in (range(len(t)), range(len(t) - 1, -1, -1)):
             last = -1
@@ -234,17 +203,7 @@ def choose(
                 if angles[near] < allowed and angles[far] > (1.2 if last_resort else 2.0) * angles[near]:
                     sure[i], last = True, i
                     if near == 1:
-                        T[i], quat[i] = found.other[i], other[i]
+                        T[i], quat[i] = found.T[i, 1], other[i]
     if last_resort:
         sure |= found.known & (gain > LAST_RESORT)
     return T, sure
-
-
-def noise_scale(found: Resection) -> float:
-    """Noise of residuals over the corners' own: the root of the median over groups of χ² by its degrees of freedom."""
-    freedom = 8.0 * found.count - 6
-    enough = found.known
-    if enough.sum() < 5:
-        return 1.0
-    ratio = found.cost[enough] / (freedom[enough] * (1 - 2 / (9 * freedom[enough])) ** 3)
-    return float(np.clip(np.sqrt(np.median(ratio)), 0.05, 30.0))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -71,12 +70,12 @@ class TrackReport:
         prints: Tags found to be distorted: by what shares they are wider, higher, and twisted out of their plane.
     """
 
-    n_steps: int
-    n_poses: int
-    rms: float
-    rms_by_camera: dict[str, float]
-    rms_by_tag: dict[int, float]
-    noise_scale: float
+    n_steps: int = 0
+    n_poses: int = 0
+    rms: float = float("nan")
+    rms_by_camera: dict[str, float] = field(default_factory=dict)
+    rms_by_tag: dict[int, float] = field(default_factory=dict)
+    noise_scale: float = 1.0
     sightings: dict[str, int] = field(default_factory=dict)
     left_out: dict[str, dict[str, int]] = field(default_factory=dict)
     dropped_steps: dict[str, int] = field(default_factory=dict)
@@ -94,32 +93,13 @@ class TrackReport:
     prints: dict[int, tuple[float, float, float]] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
-class Counts:
-    """Time steps with detections, accepted poses, and what was left out by reason: steps, and detections.
-
-    sightings, left_out: as `TrackReport` has them.
-    """
-
-    n_steps: int
-    n_poses: int
-    sightings: dict[str, int]
-    left_out: dict[str, dict[str, int]]
-    dropped_steps: dict[str, int]
-    dropped_tags: dict[str, int]
-
-
-def make_report(
-    solved: SolvedScene, accepted: Bools, frames: FrameErrors, counts: Counts, clocks: Mapping[str, tuple[float, float]]
-) -> TrackReport:
-    """The report of a solved scene.
+def make_report(solved: SolvedScene, accepted: Bools, frames: FrameErrors) -> TrackReport:
+    """The report of a solved scene, but for its clocks and counts of what was left out.
 
     Args:
         solved: Poses and residuals.
         accepted: Sightings that the accepted poses rest on, (d,).
         frames: Reprojection of each frame.
-        counts: Of steps, poses, and what was left out.
-        clocks: Offsets and their standard deviations [s], by camera's name.
     """
     scene, solution, errors, scale = solved.scene, solved.solution, solved.errors, solved.scale
 
@@ -137,24 +117,19 @@ def make_report(
     }
     of_tags = {tag.id: _change(state.tag[i], solution.tag_cov[i], tag.T_body_tag) for i, tag in enumerate(scene.tags)}
     worst = np.argsort(-frames.rms, kind="stable")[:10]
+    per_camera = np.bincount(scene.camera, scene.count, minlength=len(scene.cameras)).astype(int)
     whole = rms(accepted)
     return TrackReport(
-        n_steps=counts.n_steps,
-        n_poses=counts.n_poses,
         rms=whole,
         rms_by_camera={name: value for name, value in by_camera.items() if np.isfinite(value)},
         rms_by_tag={tag_id: value for tag_id, value in by_tag.items() if np.isfinite(value)},
         noise_scale=scale,
-        sightings=counts.sightings,
-        left_out=counts.left_out,
-        dropped_steps=counts.dropped_steps,
-        dropped_tags=counts.dropped_tags,
+        sightings={camera.name: n for camera, n in zip(scene.cameras, per_camera.tolist(), strict=True)},
         rms_axis=whole / 2**0.5,
         worst_frames=[(float(frames.t[i]), scene.cameras[frames.camera[i]].name, float(frames.rms[i])) for i in worst],
         cameras={name: change for name, change in of_cameras.items() if change is not None},
         tags={tag_id: change for tag_id, change in of_tags.items() if change is not None},
         unplaced=_unplaced(scene, state),
-        clocks=dict(clocks),
         suspects=list(solved.suspects),
         spread=solved.tag_model.spread_sigma * scale,
         rms_bare=rms(accepted, errors.raw_pixels),

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tossid.rotations import transform_inv
 from tossid.vision.pose_graph.corner_projection import corner_errors
-from tossid.vision.pose_graph.resect import retract
+from tossid.vision.pose_graph.resect import chi2_scale, retract
 from tossid.vision.pose_graph.scene import Scene
 from tossid.vision.pose_graph.state import State, TimingModel
 from tossid.vision.setup.layout import SQUARE
@@ -23,9 +23,9 @@ class ReprojectionErrors:
     """Reprojection errors of each sighting's four corners; NaN where a pose between camera and tag is unknown.
 
     Attributes:
-        vector: Projected minus observed, less the likeliest spread of the tag's edges [px], (d, 4, 2).
-        pixels: Root mean square length of `vector` over the corners [px], (d,).
-        whitened: Root mean square of the eight whitened components of `vector` [1], (d,).
+        pixels: Root mean square over the corners of their distance from where they are projected, less the likeliest
+            spread of the tag's edges [px], (d,).
+        whitened: Root mean square of the eight whitened components of the same [1], (d,).
         expected_pixels: What `pixels` is of errors as large as the corners' covariances say [px], (d,).
         spread: Least-squares estimate of the edges' spread in this frame [px], (d,).
         spread_certainty: One over the estimate's standard deviation, in units of the corners' noise [1/px], (d,).
@@ -33,7 +33,6 @@ class ReprojectionErrors:
         raw_whitened: As `whitened`, with the spread left in [1], (d,).
     """
 
-    vector: Array
     pixels: Array
     whitened: Array
     expected_pixels: Array
@@ -43,7 +42,7 @@ class ReprojectionErrors:
     raw_whitened: Array
 
     def scale(self, scene: Scene, used: Bools) -> float:
-        """Noise of residuals over the corners' own: the root of the median over steps of χ² by its degrees of freedom.
+        """Noise of residuals over the corners' own: `chi2_scale` over time steps.
 
         Each step's pose takes six degrees of freedom. 1 where fewer than 20 steps have two tags or more.
 
@@ -57,9 +56,7 @@ class ReprojectionErrors:
         if steps.sum() < 20:
             return 1.0
         square = np.bincount(scene.step[good], 8 * self.whitened[good] ** 2, minlength=len(scene.t))[steps]
-        freedom = corners[steps] - 6
-        # the median of χ² with k degrees of freedom is about k (1 - 2/(9k))³
-        return float(np.clip(np.sqrt(np.median(square / (freedom * (1 - 2 / (9 * freedom)) ** 3))), 0.05, 30.0))
+        return chi2_scale(square, corners[steps] - 6)
 
 
 def reproject(
@@ -91,12 +88,11 @@ def reproject(
     raw = np.squeeze(scene.to_pixels @ flat[..., None], -1)
     # the posterior mean of the spread under its prior N(0, spread_sigma²)
     flat = flat + (along * spread_sigma**2 / (1 + spread_sigma**2 * certainty2))[:, None, None] * scene.edge_growth
-    vector = np.squeeze(scene.to_pixels @ flat[..., None], -1)
+    left = np.squeeze(scene.to_pixels @ flat[..., None], -1)
     whitened = np.squeeze(whiten @ flat[..., None], -1)
     root = scene.to_pixels @ np.linalg.inv(whiten)
     return ReprojectionErrors(
-        vector=vector,
-        pixels=np.sqrt(np.mean(np.sum(vector**2, axis=-1), axis=1)),
+        pixels=np.sqrt(np.mean(np.sum(left**2, axis=-1), axis=1)),
         whitened=np.sqrt(np.mean(whitened**2, axis=(1, 2))),
         expected_pixels=np.sqrt(np.mean(np.sum(root**2, axis=(-1, -2)), axis=1)),
         spread=along / certainty2,

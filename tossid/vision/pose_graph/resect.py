@@ -14,7 +14,7 @@ is GTSAM's: (rotation, translation) in the target's own frame.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -42,8 +42,6 @@ DISTINCT_ANGLE = np.deg2rad(20.0)
 """Angle above which two poses are two hypotheses, not one pose with an error [rad]."""
 PROPOSING_TAGS, JUDGING_SIGHTINGS = 24, 96
 """Of one unknown pose, so many of the largest tags propose candidates, and so many sightings judge these."""
-FITS_AT_ONCE = 1000
-"""Unknown poses that are fitted together; bounds the memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,22 +66,10 @@ class Sightings:
     whiten: Array
     T_cam_tag: Array
 
-    def take(self, index: Ints | Bools, group: Ints | None = None) -> Sightings:
-        """Some of the sightings.
-
-        Args:
-            index: Which.
-            group: Their new group numbers, sorted; None to keep them.
-        """
-        return Sightings(
-            self.group[index] if group is None else group,
-            self.T_cam_parent[index],
-            self.T_target_tag[index],
-            self.half[index],
-            self.seen[index],
-            self.whiten[index],
-            self.T_cam_tag[index],
-        )
+    def take(self, index: Ints | Bools, group: Ints) -> Sightings:
+        """Some of the sightings, with new group numbers, sorted."""
+        arrays = (self.T_cam_parent, self.T_target_tag, self.half, self.seen, self.whiten, self.T_cam_tag)
+        return Sightings(group, *(array[index] for array in arrays))
 
     @property
     def points(self) -> Array:
@@ -93,34 +79,46 @@ class Sightings:
 
 @dataclass(frozen=True, eq=False)
 class Resection:
-    """Poses T_parent_target of g groups, and the best alternative of each.
+    """Two hypotheses of the pose T_parent_target of each of g groups, the one of less cost first.
 
     Attributes:
-        T: (g, 4, 4).
-        information: In the tangent (rotation, translation) of the target, (g, 6, 6).
-        cost: Robust sum of squared whitened residuals, (g,).
+        T: (g, 2, 4, 4); the first one again where there is no second.
+        cost: Robust sum of squared whitened residuals, (g, 2); infinite where there is no second.
         known: Whether there is a pose at all, (g,).
-        other: The alternative pose, (g, 4, 4).
-        other_information: (g, 6, 6).
-        other_cost: (g,).
-        ambiguous: Whether there is an alternative, (g,).
         count: Sightings of each group, (g,).
     """
 
     T: Array
-    information: Array
     cost: Array
     known: Bools
-    other: Array
-    other_information: Array
-    other_cost: Array
-    ambiguous: Bools
     count: Ints
+
+    def ordered(self, cost: Array) -> Resection:
+        """The same by other costs (g, 2), in the order of these."""
+        order = np.argsort(cost, axis=1, kind="stable")
+        T, cost = np.take_along_axis(self.T, order[..., None, None], axis=1), np.take_along_axis(cost, order, axis=1)
+        return replace(self, T=T, cost=cost)
 
     @property
     def gain(self) -> Array:
-        """Cost of the alternative less that of the pose; infinite where there is no alternative, (g,)."""
-        return np.where(self.ambiguous, self.other_cost - self.cost, np.inf)
+        """Cost of the second hypothesis less that of the first; infinite where there is no second, (g,)."""
+        return np.asarray(self.cost[:, 1] - self.cost[:, 0])
+
+    def noise_scale(self) -> float:
+        """Noise of residuals over the corners' own, by `chi2_scale`; 1 of fewer than five groups."""
+        if self.known.sum() < 5:
+            return 1.0
+        return chi2_scale(self.cost[self.known, 0], 8.0 * self.count[self.known] - 6)
+
+
+def chi2_scale(square: Array, freedom: Array) -> float:
+    """The root of the median over groups of χ² by its degrees of freedom; robust where single groups are wrong.
+
+    Args:
+        square: χ² of each group, (g,).
+        freedom: Its degrees of freedom k, (g,); χ²'s median is about k (1 - 2/(9k))³.
+    """
+    return float(np.clip(np.sqrt(np.median(square / (freedom * (1 - 2 / (9 * freedom)) ** 3))), 0.05, 30.0))
 
 
 def tag_poses(seen: Array, half: Array) -> Array:
@@ -161,26 +159,7 @@ def retract(T: Array, tangent: Array) -> Array:
     return out
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """Refined poses of g groups.
-
-    Attributes:
-        T: As in `Resection`, (g, 4, 4).
-        information: As in `Resection`, (g, 6, 6).
-        cost: As in `Resection`, (g,).
-        whitened: Root mean square whitened residual of each sighting, (d,).
-        ok: Whether the normal equations could be solved, (g,).
-    """
-
-    T: Array
-    information: Array
-    cost: Array
-    whitened: Array
-    ok: Bools
-
-
-def fit(s: Sightings, T: Array) -> Fit:
+def fit(s: Sightings, T: Array) -> tuple[Array, Array, Bools]:
     """The poses that minimise Huber's loss of each group's whitened corner residuals, by reweighted Gauss-Newton steps.
 
     In the first half of the steps the loss is linear only beyond twice a group's median residual, so that a poor start
@@ -189,22 +168,24 @@ def fit(s: Sightings, T: Array) -> Fit:
     Args:
         s: The sightings; every group needs one.
         T: Start of each group, (g, 4, 4).
+
+    Returns:
+        T (g, 4, 4) and cost (g,) as `Resection` has them, and whether the normal equations could be solved (g,).
     """
     T = T.copy()
     n = len(T)
     start = np.searchsorted(s.group, np.arange(n))
     ok = np.isfinite(T).all(axis=(1, 2))
     T[~ok] = np.eye(4)
-    information = np.zeros((n, 6, 6))
     seen = (s.points, np.ascontiguousarray(s.seen), np.ascontiguousarray(s.whiten))
     for iteration in range(ITERATIONS + 1):
         T_cam_target = s.T_cam_parent @ T[s.group]
         size = whitened_sizes(T_cam_target, *seen)
+        if iteration == ITERATIONS:
+            break
         last = iteration >= ITERATIONS // 2
         limit = np.full(n, HUBER) if last else np.maximum(HUBER, 2 * _median(size, start))
         information, gradient = normal_equations(s.group, n, T_cam_target, *seen, size, limit)
-        if iteration == ITERATIONS:
-            break
         spread = np.linalg.eigvalsh(information)
         ok &= spread[:, 0] > 1e-14 * spread[:, -1]
         damped = information + 1e-9 * np.trace(information, axis1=1, axis2=2)[:, None, None] * np.eye(6)
@@ -215,9 +196,8 @@ def fit(s: Sightings, T: Array) -> Fit:
         reach = np.where(np.isfinite(reach), reach, 0.25)
         over = np.maximum(np.linalg.norm(move[:, :3], axis=1) / 0.5, np.linalg.norm(move[:, 3:], axis=1) / reach)
         T = retract(T, move / np.maximum(over, 1.0)[:, None])
-    robust = huber_loss(size)
     ok = np.asarray(ok & np.isfinite(T).all(axis=(1, 2)))
-    return Fit(T, information, np.add.reduceat(robust.sum(axis=1), start), np.sqrt(np.mean(size**2, axis=1) / 2), ok)
+    return T, np.add.reduceat(huber_loss(size).sum(axis=1), start), ok
 
 
 def huber_loss(size: Array) -> Array:
@@ -239,44 +219,20 @@ def resect(s: Sightings, n: int) -> Resection:
         s: The sightings; every group needs one.
         n: Number of groups.
     """
-    parts = []
-    for a in range(0, max(n, 1), FITS_AT_ONCE):
-        own = np.arange(*np.searchsorted(s.group, (a, min(a + FITS_AT_ONCE, n))))
-        parts.append(_resect(s.take(own, s.group[own] - a), min(FITS_AT_ONCE, n - a)))
-    return (
-        parts[0]
-        if len(parts) == 1
-        else Resection(*(np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(Resection)))
-    )
-
-
-def _resect(s: Sightings, n: int) -> Resection:
-    """The same for all groups at once."""
     T_parent_target = transform_inv(s.T_cam_parent)[:, None] @ s.T_cam_tag @ transform_inv(s.T_target_tag)[:, None]
     first, second, exists = _choose(s, T_parent_target, n)
-    best = fit(s, first)
-    other, other_information, other_cost = first.copy(), np.tile(np.eye(6), (n, 1, 1)), np.full(n, np.inf)
-    ambiguous = np.zeros(n, dtype=bool)
-    again_at = np.flatnonzero(exists & best.ok)
-    T, information, cost = best.T.copy(), best.information.copy(), best.cost.copy()
+    best, best_cost, known = fit(s, first)
+    T, cost = np.stack([best, best], axis=1), np.stack([best_cost, np.full(n, np.inf)], axis=1)
+    again_at = np.flatnonzero(exists & known)
     if len(again_at):
         number = np.full(n, -1, dtype=np.int64)
         number[again_at] = np.arange(len(again_at))
         own = number[s.group] >= 0
-        again = fit(s.take(own, number[s.group[own]]), second[again_at])
+        again, again_cost, ok = fit(s.take(own, number[s.group[own]]), second[again_at])
         # a second start that converged to the first pose is no alternative
-        apart = again.ok & (_angle(again.T, best.T[again_at]) > DISTINCT_ANGLE)
-        at = again_at[apart]
-        other[at], other_cost[at] = again.T[apart], again.cost[apart]
-        other_information[at] = again.information[apart]
-        ambiguous[at] = True
-        swap = ambiguous & (other_cost < cost)
-        for mine, theirs in ((T, other), (cost, other_cost), (information, other_information)):
-            mine[swap], theirs[swap] = theirs[swap], mine[swap].copy()
-    ambiguous &= best.ok
-    return Resection(
-        T, information, cost, best.ok, other, other_information, other_cost, ambiguous, np.bincount(s.group)
-    )
+        apart = ok & (_angle(again, best[again_at]) > DISTINCT_ANGLE)
+        T[again_at[apart], 1], cost[again_at[apart], 1] = again[apart], again_cost[apart]
+    return Resection(T, cost, known, np.bincount(s.group)).ordered(cost)
 
 
 def _angle(A: Array, B: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from tossid.rotations import matrix_to_quat, quat_boxminus
 from tossid.settings.tracking import TrackSettings
 from tossid.vision.pose_graph.factors import IDEAL_TAGS, TagModel
 from tossid.vision.pose_graph.graph import solve
+from tossid.vision.pose_graph.graph_builder import Problem
 from tossid.vision.pose_graph.initial import initialise, place
 from tossid.vision.pose_graph.reprojection import ReprojectionErrors, reproject
 from tossid.vision.pose_graph.scene import Scene, gap
@@ -19,7 +20,6 @@ from tossid.vision.pose_graph.state import (
     Prior,
     Solution,
     TimingModel,
-    calibrates,
     given,
     is_known,
     priors,
@@ -69,22 +69,13 @@ class SolvedScene:
     outliers: int
     suspects: list[Suspect]
 
-    def clocks(self, offsets: dict[int, float]) -> dict[int, tuple[float, float]]:
-        """Offsets of clocks with standard deviations [s], by camera's number.
 
-        Args:
-            offsets: Those subtracted before the graph, to which it adds [s].
-        """
-        found, sigma = self.solution.clock, self.solution.clock_sigma
-        return {c: (offset + float(found[c]), float(sigma[c])) for c, offset in offsets.items()}
-
-
-def solve_scene(scene: Scene, offsets: dict[int, float], *, settings: TrackSettings) -> SolvedScene:
+def solve_scene(scene: Scene, free: Bools, *, settings: TrackSettings) -> SolvedScene:
     """All poses of a scene: first poses, the graph without outliers, the graph again with covariances.
 
     Args:
-        scene: The sightings, with `offsets` subtracted from their times.
-        offsets: Of clocks that are apart [s], by camera's number; the graph refines these.
+        scene: The sightings.
+        free: Cameras whose clocks may be apart, (cameras,).
         settings: All of tracking.
 
     Raises:
@@ -93,97 +84,88 @@ def solve_scene(scene: Scene, offsets: dict[int, float], *, settings: TrackSetti
     """
     state = initialise(scene, settings=settings)
     known = priors(scene) | {tag_key(i): Prior(np.eye(4), None) for i in state.gauge}
-    used = np.ones(len(scene.step), dtype=bool)
+    problem = Problem(scene, np.ones(len(scene.step), dtype=bool), known, settings)
     hangs = any(body.hinge is not None for body in scene.bodies)
-    if calibrates(scene, known):
+    if problem.shares_unknowns:
         # first all poses; then moving bodies are placed again with the calibrated statics, and all solved again
-        state = solve(scene, state, used, known=known, settings=settings).state
+        state = solve(problem, state).state
         place(scene, state, settings=settings, last_resort=True, refresh=True)
-        solution = solve(scene, state, used, known=known, settings=settings)
+        solution = solve(problem, state)
     elif hangs:
-        solution = solve(scene, state, used, known=known, settings=settings)
+        solution = solve(problem, state)
     else:  # the fits of the first poses are the optimum
         solution = unsolved(state, np.zeros(len(scene.cameras)))
-    free = np.isin(np.arange(len(scene.cameras)), list(offsets))
-    plain = _without_outliers(scene, known, settings, free, solution)
-    fit = _with_tag_model(scene, known, settings, free, plain) or plain
-    doubtful = _exceeds_noise(fit.errors, fit.used)
-    suspects = check_set_up(scene, given(scene)) if doubtful else []
-    used = fit.used & np.isfinite(fit.errors.pixels)
+    plain = _without_outliers(problem, free, solution)
+    fit = _with_tag_model(plain, free) or plain
+    used = fit.problem.used & np.isfinite(fit.errors.pixels)
     scale = fit.errors.scale(scene, used)
-    covariance_scale = scale if abs(np.log(scale)) > np.log(COVARIANCE_SLACK) else 1.0
-    alone = fit.timing is None and not calibrates(scene, known)
-    solution = solve(
-        scene,
-        fit.solution.state,
-        used,
-        scale=covariance_scale,
-        known=known,
-        timing=fit.timing,
-        tag_model=fit.tag_model,
+    problem = replace(
+        fit.problem,
+        used=used,
+        scale=scale if abs(np.log(scale)) > np.log(COVARIANCE_SLACK) else 1.0,
         covariances=True,
-        solved=hangs and alone and bool((used == fit.used).all()),
-        settings=settings,
+        solved=hangs
+        and fit.problem.timing is None
+        and not problem.shares_unknowns
+        and bool((used == fit.problem.used).all()),
     )
-    errors = reproject(scene, solution.state, fit.timing, spread_sigma=fit.tag_model.spread_sigma)
-    return SolvedScene(scene, solution, errors, used, scale, fit.tag_model, int(np.sum(~fit.used)), suspects)
+    suspects = check_set_up(scene, given(scene)) if _exceeds_noise(fit.errors, fit.problem.used) else []
+    final = _fitted(problem, solve(problem, fit.solution.state))
+    outliers = int(np.sum(~fit.problem.used))
+    return SolvedScene(scene, final.solution, final.errors, used, scale, problem.tag_model, outliers, suspects)
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Poses, the sightings (d,) that they rest on, bodies' motion within steps, residuals, and the tag model."""
+    """A problem, its solution, and the residuals of all sightings."""
 
+    problem: Problem
     solution: Solution
-    used: Bools
-    timing: TimingModel | None
     errors: ReprojectionErrors
-    tag_model: TagModel
 
 
-def _without_outliers(
-    scene: Scene, known: dict[int, Prior], settings: TrackSettings, free: Bools, solution: Solution
-) -> _Fit:
+def _fitted(problem: Problem, solution: Solution) -> _Fit:
+    sigma = problem.tag_model.spread_sigma
+    return _Fit(problem, solution, reproject(problem.scene, solution.state, problem.timing, spread_sigma=sigma))
+
+
+def _without_outliers(problem: Problem, free: Bools, solution: Solution) -> _Fit:
     """The graph solved again without outliers, until there are none."""
-    used, timing = np.ones(len(scene.step), dtype=bool), _timing(scene, solution, settings, free)
+    timing = _timing(problem, solution, free)
     if timing is not None:  # poses that took a step's frames for simultaneous tell no outlier
-        solution = solve(scene, solution.state, used, known=known, timing=timing, settings=settings)
+        problem = replace(problem, timing=timing)
+        solution = solve(problem, solution.state)
     for _ in range(3):
-        timing = _timing(scene, solution, settings, free)
-        outlier = _outliers(scene, reproject(scene, solution.state, timing), used, settings)
-        if not outlier.any() and timing is None:
+        problem = replace(problem, timing=_timing(problem, solution, free))
+        outlier = _outliers(problem, _fitted(problem, solution).errors)
+        if not outlier.any() and problem.timing is None:
             break
-        used &= ~outlier
+        problem = replace(problem, used=problem.used & ~outlier)
         # steps that share no unknown are solved again only where a sighting was left out
-        alone = timing is None and not calibrates(scene, known)
-        changed = np.unique(scene.step[outlier]) if alone else None
-        solution = solve(scene, solution.state, used, known=known, timing=timing, steps=changed, settings=settings)
+        alone = problem.timing is None and not problem.shares_unknowns
+        changed = np.unique(problem.scene.step[outlier]) if alone else None
+        solution = solve(problem, solution.state, steps=changed)
         if not outlier.any() and not free.any():
             break
-    return _Fit(solution, used, timing, reproject(scene, solution.state, timing), IDEAL_TAGS)
+    return _fitted(problem, solution)
 
 
-def _with_tag_model(
-    scene: Scene, known: dict[int, Prior], settings: TrackSettings, free: Bools, plain: _Fit
-) -> _Fit | None:
+def _with_tag_model(plain: _Fit, free: Bools) -> _Fit | None:
     """The graph solved with the tag model that the residuals show; None where that explains little of them."""
-    tag_model, errors, fit = IDEAL_TAGS, plain.errors, plain
-    used = np.ones(len(scene.step), dtype=bool)
+    fit, scene = plain, plain.problem.scene
+    problem = replace(plain.problem, used=np.ones_like(plain.problem.used))
     for _ in range(TAG_MODEL_PASSES):
-        outlier = _outliers(scene, errors, used, settings)
-        used = used & ~outlier
-        before = tag_model
-        tag_model = estimate_tag_model(scene, errors, used, before)
-        done = converged(before, tag_model) and not outlier.any()
-        if tag_model == IDEAL_TAGS or done:
+        outlier = _outliers(problem, fit.errors)
+        before, used = problem.tag_model, problem.used & ~outlier
+        problem = replace(problem, used=used, tag_model=estimate_tag_model(scene, fit.errors, used, before))
+        done = converged(before, problem.tag_model) and not outlier.any()
+        if problem.tag_model == IDEAL_TAGS or done:
             break
-        solution = solve(
-            scene, fit.solution.state, used, known=known, timing=fit.timing, tag_model=tag_model, settings=settings
-        )
-        timing = _timing(scene, solution, settings, free)
-        errors = reproject(scene, solution.state, timing, spread_sigma=tag_model.spread_sigma)
-        fit = _Fit(solution, used, timing, errors, tag_model)
-    explained = fit.errors.scale(scene, fit.used) < NOISE_SHARE * plain.errors.scale(scene, plain.used)
-    return fit if fit is not plain and explained else None
+        solution = solve(problem, fit.solution.state)
+        problem = replace(problem, timing=_timing(problem, solution, free))
+        fit = _fitted(problem, solution)
+    noise, plain_noise = (one.errors.scale(scene, one.problem.used) for one in (fit, plain))
+    return fit if fit is not plain and noise < NOISE_SHARE * plain_noise else None
 
 
 def _exceeds_noise(errors: ReprojectionErrors, used: Bools) -> bool:
@@ -194,24 +176,26 @@ def _exceeds_noise(errors: ReprojectionErrors, used: Bools) -> bool:
     return left_out > LEFT_OUT_SHARE or bool(rms > RESIDUAL_RATIO)
 
 
-def _outliers(scene: Scene, errors: ReprojectionErrors, used: Bools, settings: TrackSettings) -> Bools:
+def _outliers(problem: Problem, errors: ReprojectionErrors) -> Bools:
     """Of each step with several tags, the one with the largest residual, if that is beyond the limit."""
+    scene, used = problem.scene, problem.used
     scale = max(errors.scale(scene, used), 1e-3)
     counts = np.bincount(scene.step[used], minlength=len(scene.t))
     whitened = np.where(used, np.nan_to_num(errors.whitened, nan=np.inf), 0.0)
     whitened[~np.isfinite(errors.pixels)] = 0.0
     worst = np.zeros(len(scene.t))
     np.maximum.at(worst, scene.step, whitened)
-    outlier = used & (whitened > settings.outlier * scale) & (errors.pixels > OUTLIER_PIXELS)
+    outlier = used & (whitened > problem.settings.outlier * scale) & (errors.pixels > OUTLIER_PIXELS)
     outlier &= counts[scene.step] > 1
     return np.asarray(outlier & (whitened >= worst[scene.step]))
 
 
-def _timing(scene: Scene, solution: Solution, settings: TrackSettings, free: Bools) -> TimingModel | None:
+def _timing(problem: Problem, solution: Solution, free: Bools) -> TimingModel | None:
     """Bodies' velocities at each step, by differences of neighbours; None where all frames are at their steps' times.
 
     free: (cameras,) whose clock offset is to be estimated.
     """
+    scene = problem.scene
     if np.abs(scene.delay).max() < 1e-6 and not free.any():
         return None
     twists = []
@@ -231,7 +215,7 @@ def _timing(scene: Scene, solution: Solution, settings: TrackSettings, free: Boo
                 )
                 / np.maximum(dt, 1e-9)[:, None]
             )
-            rate[dt > gap(scene.t[index], settings.max_gap)] = np.nan
+            rate[dt > gap(scene.t[index], problem.settings.max_gap)] = np.nan
             sides = np.stack([np.vstack([rate, rate[:1] * np.nan]), np.vstack([rate[:1] * np.nan, rate])])
             count = np.isfinite(sides).sum(axis=0)
             twist[index] = np.nansum(sides, axis=0) / np.maximum(count, 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from tossid.errors import InputError
 from tossid.types import Detection
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.pose_graph.resect import tag_poses
-from tossid.vision.setup.layout import Body, BodyTag, Coordinate, Distance, TagLayout
+from tossid.vision.pose_graph.resect import Sightings, tag_poses
+from tossid.vision.setup.layout import Body, BodyTag, Measurement, TagLayout
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -45,13 +45,14 @@ class Scene:
         tag: (d,).
         delay: Time of each frame after its step's [s], (d,).
         pixels: Corners [px], (d, 4, 2).
-        seen: The same in normalised coordinates, undistorted, (d, 4, 2).
-        to_pixels: Takes small errors of `seen` to pixels, (d, 4, 2, 2).
-        whiten: Takes them to unit variance, (d, 4, 2, 2).
-        edge_growth: How `seen` moves where all edges of the tag spread by one pixel [1/px], (d, 4, 2).
+        root: Takes their errors to unit variance, (d, 4, 2, 2).
         count: Frames that a row stands for, (d,).
-        T_cam_tag: The two poses that each tag alone allows (`tag_poses`), (d, 2, 4, 4).
         measurements: Measured lengths between tags of static bodies.
+        seen: The corners in normalised coordinates, undistorted, (d, 4, 2).
+        to_pixels: Takes small errors of `seen` to pixels, (d, 4, 2, 2).
+        whiten: Takes the same to unit variance, (d, 4, 2, 2).
+        edge_growth: How `seen` moves where all edges of the tag spread by one pixel [1/px], (d, 4, 2).
+        T_cam_tag: The two poses that each tag alone allows (`tag_poses`), (d, 2, 4, 4).
     """
 
     cameras: tuple[Camera, ...]
@@ -65,13 +66,14 @@ class Scene:
     tag: Ints
     delay: Array
     pixels: Array
-    seen: Array
-    to_pixels: Array
-    whiten: Array
-    edge_growth: Array
+    root: Array
     count: Array
-    T_cam_tag: Array
-    measurements: tuple[Distance | Coordinate, ...] = ()
+    measurements: tuple[Measurement, ...] = ()
+    seen: Array = field(default_factory=lambda: np.zeros(0))
+    to_pixels: Array = field(default_factory=lambda: np.zeros(0))
+    whiten: Array = field(default_factory=lambda: np.zeros(0))
+    edge_growth: Array = field(default_factory=lambda: np.zeros(0))
+    T_cam_tag: Array = field(default_factory=lambda: np.zeros(0))
 
     def take(self, rows: Ints) -> Scene:
         """The scene with some of its sightings.
@@ -79,8 +81,23 @@ class Scene:
         Args:
             rows: Which, (k,).
         """
-        arrays = "step camera tag delay pixels seen to_pixels whiten edge_growth count T_cam_tag"
+        arrays = "step camera tag delay pixels root seen to_pixels whiten edge_growth count T_cam_tag"
         return replace(self, **{name: getattr(self, name)[rows] for name in arrays.split()})
+
+    def sightings(self, rows: Ints, T_cam_parent: Array, T_target_tag: Array, group: Ints) -> Sightings:
+        """Some rows for a resection.
+
+        Args:
+            rows: Which, (k,).
+            T_cam_parent: Of each of these, (k, 4, 4); one matrix for all may do.
+            T_target_tag: Likewise.
+            group: Number of the unknown pose of each, (k,).
+        """
+        order = np.argsort(group, kind="stable")
+        A, B = (np.broadcast_to(T, (len(rows), 4, 4))[order] for T in (T_cam_parent, T_target_tag))
+        rows = rows[order]
+        whiten = self.whiten[rows] / np.sqrt(self.count[rows])[:, None, None, None]
+        return Sightings(group[order], A, B, self.half[rows], self.seen[rows], whiten, self.T_cam_tag[rows])
 
     @property
     def half(self) -> Array:
@@ -149,14 +166,8 @@ def observe(
     still = static[[bodies[model.rig_body] for model in cameras]] & [model.wiggle is None for model in cameras]
     still_rows = still[camera] & static[[b for b, _ in tags]][tag]
     rows, pixels, cov, count = _merged(pixels, cov, still_rows, camera, tag)
-    seen, to_pixels = _undistorted(cameras, camera[rows], pixels)
-    lens = np.isfinite(seen).all(axis=(1, 2)) & np.isfinite(to_pixels).all(axis=(1, 2, 3))
-    if not lens.all():
-        dropped["outside the lens model"] += int(count[~lens].sum())
     root = np.swapaxes(np.linalg.cholesky(np.linalg.inv(cov)), -1, -2)
-    half = np.array([0.5 * tags[i][1].size for i in tag[rows]])
-    rows = rows[lens]
-    return Scene(
+    scene = Scene(
         tuple(cameras),
         layout.bodies,
         tuple(tag for _, tag in tags),
@@ -167,14 +178,39 @@ def observe(
         camera[rows],
         tag[rows],
         (times - t[step])[rows],
-        pixels[lens],
-        seen[lens],
-        to_pixels[lens],
-        (root @ to_pixels)[lens],
-        _normalised(to_pixels, corner_growth(pixels))[lens],
-        count[lens],
-        tag_poses(seen[lens], half[lens]),
-        layout.measurements,
+        pixels,
+        root,
+        count=count,
+        measurements=layout.measurements,
+    )
+    scene = _through_lenses(scene)
+    lens = np.isfinite(scene.whiten).all(axis=(1, 2, 3))
+    if not lens.all():
+        dropped["outside the lens model"] += int(count[~lens].sum())
+    return scene.take(np.flatnonzero(lens))
+
+
+def _through_lenses(scene: Scene) -> Scene:
+    """The scene with all that follows from its corners' pixels; NaN outside the lens model."""
+    d = scene.pixels.shape
+    seen, to_pixels, edge_growth = np.full(d, np.nan), np.full((*d, 2), np.nan), np.full(d, np.nan)
+    for c, model in enumerate(scene.cameras):
+        own = np.flatnonzero(scene.camera == c)
+        if not len(own):
+            continue
+        flat = model.undistort(scene.pixels[own])
+        _, J = model.distort(np.concatenate([flat, np.ones((len(own), 4, 1))], axis=-1))
+        seen[own], to_pixels[own] = flat, J[..., :2]
+    inside = np.isfinite(to_pixels).all(axis=(1, 2, 3))
+    growth = corner_growth(scene.pixels[inside])[..., None]
+    edge_growth[inside] = np.squeeze(np.linalg.inv(to_pixels[inside]) @ growth, -1)
+    return replace(
+        scene,
+        seen=seen,
+        to_pixels=to_pixels,
+        whiten=scene.root @ to_pixels,
+        edge_growth=edge_growth,
+        T_cam_tag=tag_poses(seen, scene.half),
     )
 
 
@@ -183,6 +219,7 @@ def corner_growth(pixels: Array) -> Array:
 
     Args:
         pixels: Corners [px], (d, 4, 2).
+        root: Takes their errors to unit variance, (d, 4, 2, 2).
     """
     edge = np.roll(pixels, -1, axis=1) - pixels
     outward = np.stack([edge[..., 1], -edge[..., 0]], axis=-1)
@@ -192,13 +229,6 @@ def corner_growth(pixels: Array) -> Array:
     before = np.roll(outward, 1, axis=1)
     # the intersection of both moved edges: √2 away at a right angle, further at an acute one
     return np.asarray((outward + before) / np.maximum(1 + np.sum(outward * before, axis=-1, keepdims=True), ACUTE))
-
-
-def _normalised(to_pixels: Array, shift: Array) -> Array:
-    """Small shifts [px] in normalised coordinates; 0 outside the lens model."""
-    inside = np.isfinite(to_pixels).all(axis=(1, 2, 3), keepdims=True)
-    safe = np.where(inside, to_pixels, np.eye(2))
-    return np.asarray(np.squeeze(np.linalg.inv(safe) @ shift[..., None], -1))
 
 
 def _merged(pixels: Array, cov: Array, still: Bools, camera: Ints, tag: Ints) -> tuple[Ints, Array, Array, Array]:
@@ -270,18 +300,6 @@ def _new_tag(tag_id: int, layout: TagLayout) -> BodyTag | None:
     return BodyTag(tag_id, body.default_tag_size, None)
 
 
-def _undistorted(cameras: Sequence[Camera], camera: Ints, pixels: Array) -> tuple[Array, Array]:
-    """Normalised corners (d, 4, 2), and d pixel / d normalised (d, 4, 2, 2)."""
-    seen, slope = np.full(pixels.shape, np.nan), np.full((*pixels.shape, 2), np.nan)
-    for c, model in enumerate(cameras):
-        own = camera == c
-        if own.any():
-            seen[own] = model.undistort(pixels[own])
-            _, J = model.distort(np.concatenate([seen[own], np.ones((own.sum(), 4, 1))], axis=-1))
-            slope[own] = J[..., :2]
-    return seen, slope
-
-
 def time_steps(t: Array, camera: Ints) -> tuple[Ints, Array]:
     """Time step of each sighting, (d,), and the steps' times [s], (n,).
 
@@ -326,23 +344,7 @@ def swapped(scene: Scene, a: int, c: int) -> Scene:
     """The scene as it would be if two cameras' detections had been swapped."""
     index = np.arange(len(scene.cameras))
     index[[a, c]] = [c, a]
-    camera = index[scene.camera]
-    rows = np.flatnonzero(camera != scene.camera)
-    seen, to_pixels = scene.seen.copy(), scene.to_pixels.copy()
-    whiten, edge_growth, T_cam_tag = scene.whiten.copy(), scene.edge_growth.copy(), scene.T_cam_tag.copy()
-    seen[rows], to_pixels[rows] = _undistorted(scene.cameras, camera[rows], scene.pixels[rows])
-    whiten[rows] = scene.whiten[rows] @ np.linalg.inv(scene.to_pixels[rows]) @ to_pixels[rows]
-    edge_growth[rows] = _normalised(to_pixels[rows], corner_growth(scene.pixels[rows]))
-    T_cam_tag[rows] = tag_poses(seen[rows], scene.half[rows])
-    return replace(
-        scene,
-        camera=camera,
-        seen=seen,
-        to_pixels=to_pixels,
-        whiten=whiten,
-        edge_growth=edge_growth,
-        T_cam_tag=T_cam_tag,
-    )
+    return _through_lenses(replace(scene, camera=index[scene.camera]))
 
 
 def words(reasons: Counter[str]) -> str:

@@ -151,12 +151,12 @@ def _trial(scene: Scene, state: State) -> _Trial | None:
     steps, group = np.unique(scene.step, return_inverse=True)
     if len(steps) < FEWEST_STEPS:
         return None
-    s = _sightings(scene, transform_inv(state.camera[scene.camera]), state.tag[scene.tag], group)
-    poses = resect(s, len(steps))
+    T_cam_rig, T_body_tag = transform_inv(state.camera[scene.camera]), state.tag[scene.tag]
+    poses = resect(scene.sightings(np.arange(len(group)), T_cam_rig, T_body_tag, group), len(steps))
     # the mean without the worst twentieth, since single frames may be wrong in any set-up
-    each = np.sort((poses.cost / (8.0 * poses.count - 6))[poses.known])
+    each = np.sort((poses.cost[:, 0] / (8.0 * poses.count - 6))[poses.known])
     misfit = float(np.mean(each[: max(int(0.95 * len(each)), 1)])) if len(each) else float("inf")
-    return _Trial(scene, steps[poses.known], poses.T[poses.known], misfit)
+    return _Trial(scene, steps[poses.known], poses.T[poses.known, 0], misfit)
 
 
 def _misfit(trial: _Trial | None) -> float:
@@ -192,28 +192,19 @@ def _sized(factor: float, name: str, what: str) -> Suspect | None:
     )
 
 
-def _sightings(scene: Scene, A: Array, B: Array, group: Ints, seen: Array | None = None) -> Sightings:
-    order = np.argsort(group, kind="stable")
-    whiten = scene.whiten / np.sqrt(scene.count)[:, None, None, None]
-    corners = scene.seen if seen is None else seen
-    arrays = (A, B, scene.half, corners, whiten, scene.T_cam_tag)
-    return Sightings(group[order], *(array[order] for array in arrays))
-
-
 def _moved_tag(scene: Scene, state: State, T_rig_body: Array, tag: int) -> Suspect | None:
     """A tag whose place or size differs from the stated one by the poses that the other tags give."""
-    A, group = transform_inv(state.camera[scene.camera]) @ T_rig_body, np.zeros(len(T_rig_body), dtype=np.int64)
-    refitted = resect(_sightings(scene, A, np.broadcast_to(np.eye(4), A.shape), group), 1)
+    A, rows = transform_inv(state.camera[scene.camera]) @ T_rig_body, np.arange(len(T_rig_body))
+    refitted = resect(scene.sightings(rows, A, np.eye(4), 0 * rows), 1)
     name, body = str(scene.tags[tag].id), scene.bodies[scene.body[tag]].name
-    at = np.broadcast_to(state.tag[tag], A.shape)
 
     def cost(factor: float) -> float:
-        return _cost(_sightings(_resized(scene, factor), A, np.broadcast_to(np.eye(4), A.shape), group), at)
+        return _cost(_resized(scene, factor).sightings(rows, A, np.eye(4), 0 * rows), state.tag[tag])
 
     factor = _best_factor(cost)
-    if cost(factor) < refitted.cost[0]:
+    if cost(factor) < refitted.cost[0, 0]:
         return _sized(factor, name, f"tag {name} on {body}")
-    far, turn = _apart(refitted.T[0], state.tag[tag])
+    far, turn = _apart(refitted.T[0, 0], state.tag[tag])
     if far < LEAST_DISTANCE and turn < LEAST_ANGLE:
         return None
     message = f"tag {name} is {far * 1e3:.1f} mm and {np.rad2deg(turn):.1f}° from where it is said to be on {body}"
@@ -221,21 +212,20 @@ def _moved_tag(scene: Scene, state: State, T_rig_body: Array, tag: int) -> Suspe
 
 
 def _cost(s: Sightings, T: Array) -> float:
-    """Robust sum of squared whitened residuals under given poses of all sightings (d, 4, 4)."""
+    """Robust sum of squared whitened residuals under a given pose (4, 4)."""
     size = whitened_sizes(s.T_cam_parent @ T, s.points, s.seen, np.ascontiguousarray(s.whiten))
     return float(np.sum(huber_loss(size)))
 
 
 def _wrong_camera(scene: Scene, state: State, T_rig_body: Array, c: int) -> Suspect | None:
     """A camera whose sightings another pose or other intrinsics explain, given the poses that the others see."""
-    B, group = T_rig_body @ state.tag[scene.tag], np.zeros(len(T_rig_body), dtype=np.int64)
-    eye, name, model = np.broadcast_to(np.eye(4), B.shape), scene.cameras[c].name, scene.cameras[c]
-    T_cam_rig = transform_inv(state.camera[c])
-    refitted = resect(_sightings(scene, eye, B, group), 1)
+    B, rows = T_rig_body @ state.tag[scene.tag], np.arange(len(T_rig_body))
+    name, model = scene.cameras[c].name, scene.cameras[c]
+    refitted = resect(scene.sightings(rows, np.eye(4), B, 0 * rows), 1)
 
     def cost(lens: Camera) -> float:
-        s = _sightings(scene, eye, B, group, lens.undistort(scene.pixels))
-        return _cost(s, np.broadcast_to(T_cam_rig, B.shape))
+        s = replace(scene, seen=lens.undistort(scene.pixels)).sightings(rows, np.eye(4), B, 0 * rows)
+        return _cost(s, transform_inv(state.camera[c]))
 
     best = (np.inf, "", 0.0)
     for what, step in (
@@ -246,10 +236,10 @@ def _wrong_camera(scene: Scene, state: State, T_rig_body: Array, c: int) -> Susp
         amounts = step * np.arange(-20, 21)
         costs = [cost(_changed(model, what, amount)) for amount in amounts]
         best = min(best, (min(costs), what, float(amounts[int(np.argmin(costs))])))
-    if best[0] < refitted.cost[0]:
+    if best[0] < refitted.cost[0, 0]:
         size = f"{best[2] * 100:+.1f} %" if best[1] == "focal length" else f"{best[2]:+.0f} px"
         return Suspect("intrinsics", name, f"camera {name}'s images fit another {best[1]} ({size})")
-    far, turn = _apart(transform_inv(refitted.T[0]), state.camera[c])
+    far, turn = _apart(transform_inv(refitted.T[0, 0]), state.camera[c])
     message = f"camera {name} is {far * 1e3:.0f} mm and {np.rad2deg(turn):.1f}° from where it is said to be"
     return Suspect("camera", name, message, far, turn) if far > LEAST_DISTANCE or turn > LEAST_ANGLE else None
 

@@ -9,7 +9,9 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.vision.cameras.camera import Camera
 from tossid.vision.pose_graph.scene import Scene
+from tossid.vision.setup.layout import Body, BodyTag
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -94,6 +96,12 @@ class TimingModel:
     clock: Array
     free: Bools
 
+    @classmethod
+    def none(cls, scene: Scene) -> TimingModel:
+        """Bodies that stand still within a step, and clocks that agree."""
+        n = len(scene.cameras)
+        return cls([np.zeros((1, 6))] * len(scene.bodies), np.zeros(n), np.zeros(n, dtype=bool))
+
 
 @dataclass(eq=False)
 class Solution:
@@ -155,26 +163,35 @@ class Prior:
         """Whether the pose is a constant."""
         return self.cov is None or bool(np.diag(self.cov).max() <= EXACT**2)
 
+    @classmethod
+    def of_camera(cls, camera: Camera) -> Prior | None:
+        """What the set-up says of T_rig_cam; None for nothing."""
+        return None if camera.T_rig_cam is None else cls(camera.T_rig_cam, camera.T_rig_cam_cov)
+
+    @classmethod
+    def of_tag(cls, tag: BodyTag) -> Prior | None:
+        """What the set-up says of T_body_tag; None for nothing."""
+        return cls._of(tag.T_body_tag, tag.rotation_noise, tag.position_noise)
+
+    @classmethod
+    def of_body(cls, body: Body) -> Prior | None:
+        """What the set-up says of a static body's T_map_body; None for nothing."""
+        return cls._of(body.T_map_body, body.rotation_noise, body.position_noise)
+
+    @classmethod
+    def _of(cls, T: Array | None, rotation: Array | None, position: Array | None) -> Prior | None:
+        if T is None:
+            return None
+        exact = rotation is None or position is None
+        return cls(T, None if exact else np.diag(np.concatenate([rotation, position]) ** 2))
+
 
 def priors(scene: Scene) -> dict[int, Prior]:
     """The set-up's poses of cameras, tags and static bodies, by key."""
-    found = {}
-    for c, camera in enumerate(scene.cameras):
-        if camera.T_rig_cam is not None:
-            found[camera_key(c)] = Prior(camera.T_rig_cam, camera.T_rig_cam_cov)
-    for i, tag in enumerate(scene.tags):
-        if tag.T_body_tag is not None:
-            found[tag_key(i)] = Prior(tag.T_body_tag, _cov(tag.rotation_noise, tag.position_noise))
-    for b, body in enumerate(scene.bodies):
-        if body.T_map_body is not None:
-            found[body_key(b, 0)] = Prior(body.T_map_body, _cov(body.rotation_noise, body.position_noise))
-    return found
-
-
-def _cov(rotation: Array | None, position: Array | None) -> Array | None:
-    if rotation is None or position is None:
-        return None
-    return np.diag(np.concatenate([rotation, position]) ** 2)
+    found = {camera_key(c): Prior.of_camera(camera) for c, camera in enumerate(scene.cameras)}
+    found |= {tag_key(i): Prior.of_tag(tag) for i, tag in enumerate(scene.tags)}
+    found |= {body_key(b, 0): Prior.of_body(body) for b, body in enumerate(scene.bodies)}
+    return {key: prior for key, prior in found.items() if prior is not None}
 
 
 def camera_key(c: int) -> int:
@@ -205,11 +222,3 @@ def print_key(i: int) -> int:
 def clock_key(c: int) -> int:
     """Key of a camera's clock offset."""
     return int(gtsam.symbol("o", c))
-
-
-def calibrates(scene: Scene, known: dict[int, Prior]) -> bool:
-    """Whether time steps share unknowns: something static is not exactly known, or stillness connects them."""
-    keys = [camera_key(c) for c in range(len(scene.cameras))] + [tag_key(i) for i in range(len(scene.tags))]
-    keys += [body_key(b, 0) for b, body in enumerate(scene.bodies) if body.is_static]
-    still = any(body.stillness is not None for body in scene.bodies)
-    return still or not all(key in known and known[key].exact for key in keys)

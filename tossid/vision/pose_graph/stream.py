@@ -9,8 +9,9 @@ pieces follow with the result as their prior.
 
 from __future__ import annotations
 
+import tempfile
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -22,12 +23,12 @@ from tossid.rotations import quat_continuous
 from tossid.settings.tracking import StreamSettings, TrackSettings
 from tossid.types import Detection, PoseTrack
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.pose_graph.coarse_clocks import CoarseClocks, coarse_clocks
+from tossid.vision.pose_graph.clocks import Clocks, clock_offsets
 from tossid.vision.pose_graph.graph_builder import CLOCK_SIGMA
 from tossid.vision.pose_graph.report import FrameErrors, TrackReport
 from tossid.vision.pose_graph.setup_checks import Suspect
-from tossid.vision.pose_graph.state import EXACT
-from tossid.vision.pose_graph.track import DEFAULT, Tracked, track_in_time, with_clocks
+from tossid.vision.pose_graph.state import Prior
+from tossid.vision.pose_graph.track import DEFAULT, Tracked, track_in_time
 from tossid.vision.recordings.disk_buffer import DetectionSpool
 from tossid.vision.setup.layout import TagLayout
 
@@ -62,11 +63,12 @@ def track_stream(
     """
     with ExitStack() as stack:
         if isinstance(detections, Iterator) and needs_all(cameras, layout, settings=settings):
-            detections = stack.enter_context(DetectionSpool(detections, spool_folder))
-        coarse = coarse_clocks(detections, cameras, layout, settings=settings) if settings.clocks else CoarseClocks()
-        in_time, tracks = coarse.in_time(detections), _Tracks(keep)
-        tracked = _in_pieces(in_time, cameras, layout, settings, name, progress, tracks, coarse.offsets)
-    return with_clocks(tracked, coarse)
+            file = stack.enter_context(tempfile.TemporaryFile(dir=spool_folder))
+            detections = DetectionSpool(detections, file)
+        clocks = clock_offsets(detections, cameras, layout, settings=settings) if settings.clocks else Clocks()
+        in_time, tracks = clocks.in_time(detections), _Tracks(keep)
+        tracked = _in_pieces(in_time, cameras, layout, settings, name, progress, tracks, clocks.offsets)
+    return replace(tracked, report=replace(tracked.report, clock_doubts=clocks.doubts))
 
 
 def needs_all(cameras: Sequence[Camera], layout: TagLayout, *, settings: TrackSettings) -> bool:
@@ -82,38 +84,36 @@ def _in_pieces(
     name: str | None,
     progress: Callable[[int], None] | None,
     tracks: _Tracks,
-    apart: Collection[str],
+    late: Mapping[str, float],
 ) -> Tracked:
-    """Tracking of cameras whose clocks are set coarsely; apart: those that were not zero."""
+    """Tracking of cameras whose clocks' offsets, `late` [s] by name, are subtracted but for a rest."""
     sizes = settings.stream
-    pieces, find_clocks, statics = _Pieces(detections, sizes), settings.clocks, None
+    pieces, statics = _Pieces(detections, sizes), None
     if not statics_known(cameras, layout):
         sample = _sample(detections, sizes) if all(body.stillness is None for body in layout.bodies) else None
-        statics = track_in_time(list(sample or detections), cameras, layout, settings=settings, name=name, apart=apart)
+        whole = list(sample or detections)
+        statics = track_in_time(whole, cameras, layout, settings=settings, name=name, subtracted=late)
         if sample is None:
             tracks.extend(statics.tracks)
             if progress is not None:
                 progress(statics.report.n_poses)
             return replace(statics, tracks=tracks.whole())
-        del sample  # frees its memory
+        del sample, whole  # frees their memory
         cameras, layout = statics.cameras, statics.layout
-        pieces, find_clocks = _Pieces(detections, sizes, statics.report.clocks), False
+        pieces.set_clocks(statics.report.clocks, late)
     done: list[Tracked] = []
     failed: list[InputError] = []
     while piece := pieces.take():
-        now = replace(settings, clocks=find_clocks)
+        open_ = late if pieces.clocks is None else {}
         try:
-            tracked = track_in_time(piece, cameras, layout, settings=now, name=name, apart=apart if find_clocks else ())
+            tracked = track_in_time(piece, cameras, layout, settings=settings, name=name, subtracted=open_)
         except InputError as error:  # no body is seen for a while
             failed.append(error)
             continue
         clocks = tracked.report.clocks
-        told = CLOCK_SIGMA / 2  # less than before the graph: the piece has motion that both see
-        if clocks and all(
-            sigma < told for camera, (_, sigma) in clocks.items() if camera in apart
-        ):  # known from here on; the piece is cut again with them
-            find_clocks, pieces.clocks = False, clocks
-            pieces.put_back(piece)
+        if open_ and all(sigma < CLOCK_SIGMA / 2 for _, sigma in clocks.values()):
+            # less than before the graph: the piece has motion that both see. It is cut again with the clocks
+            pieces.set_clocks(clocks, late, piece)
             continue
         tracks.extend(tracked.tracks)
         statics = statics or tracked
@@ -123,7 +123,11 @@ def _in_pieces(
     if statics is None or not done:
         raise failed[0] if failed else InputError("no detection of any tag of the scene: nothing to track")
     unseen = {f"in {len(failed)} stretches of {sizes.piece:g} s without a pose": len(failed)} if failed else {}
-    return _joined(done, statics, tracks.whole(), pieces.clocks, unseen)
+    if pieces.clocks is None:  # no piece has motion enough
+        clocks = {camera: (offset, CLOCK_SIGMA) for camera, offset in late.items()}
+    else:
+        clocks = pieces.clocks
+    return _joined(done, statics, tracks.whole(), clocks, unseen)
 
 
 def _sample(detections: Iterable[Detection], sizes: StreamSettings) -> list[Detection] | None:
@@ -143,38 +147,22 @@ def _sample(detections: Iterable[Detection], sizes: StreamSettings) -> list[Dete
 
 def statics_known(cameras: Sequence[Camera], layout: TagLayout) -> bool:
     """Whether everything static is exactly known, and time steps share no other unknown."""
-    known = all(camera.T_rig_cam is not None and _exact(camera.T_rig_cam_cov) for camera in cameras)
-    known &= all(camera.wiggle is None for camera in cameras)
-    for body in layout.bodies:
-        known &= body.stillness is None
-        if body.is_static:
-            known &= body.T_map_body is not None and _small(body.position_noise) and _small(body.rotation_noise)
-        for tag in body.tags:
-            known &= tag.T_body_tag is not None and _small(tag.position_noise) and _small(tag.rotation_noise)
-    return known and layout.default_body is None
-
-
-def _exact(cov: np.ndarray | None) -> bool:
-    return cov is None or bool(np.diag(cov).max() <= EXACT**2)
-
-
-def _small(sigma: np.ndarray | None) -> bool:
-    return sigma is None or bool(np.max(sigma) <= EXACT)
+    moving = any(body.stillness is not None for body in layout.bodies) or any(one.wiggle is not None for one in cameras)
+    known = [Prior.of_camera(camera) for camera in cameras]
+    known += [Prior.of_body(body) for body in layout.bodies if body.is_static]
+    known += [Prior.of_tag(tag) for body in layout.bodies for tag in body.tags]
+    return layout.default_body is None and not moving and all(one is not None and one.exact for one in known)
 
 
 class _Pieces:
     """Stretches of time, in order.
 
-    clocks: offsets of cameras' clocks that are subtracted, and their standard deviations [s].
+    clocks: offsets of cameras' clocks and their standard deviations [s], by name, once they are known.
     """
 
-    def __init__(
-        self,
-        detections: Iterable[Detection],
-        sizes: StreamSettings,
-        clocks: dict[str, tuple[float, float]] | None = None,
-    ) -> None:
-        self.clocks: dict[str, tuple[float, float]] = clocks or {}
+    def __init__(self, detections: Iterable[Detection], sizes: StreamSettings) -> None:
+        self.clocks: dict[str, tuple[float, float]] | None = None
+        self._rest: dict[str, float] = {}
         self._sizes = sizes
         self._source = iter(detections)
         self._waiting: list[Detection] = []
@@ -201,13 +189,17 @@ class _Pieces:
         self._waiting = [d for d in self._waiting if d.t > border]
         return piece
 
-    def put_back(self, piece: list[Detection]) -> None:
-        """Take a piece back, and subtract the clocks' offsets, now known, from all that waits."""
+    def set_clocks(
+        self, clocks: dict[str, tuple[float, float]], late: Mapping[str, float], piece: Sequence[Detection] = ()
+    ) -> None:
+        """Take a piece back, and subtract from all that waits what `late` has left of the clocks' offsets."""
+        self.clocks = clocks
+        self._rest = {camera: clocks.get(camera, (0.0, 0.0))[0] - offset for camera, offset in late.items()}
         self._waiting = [self._in_time(d) for d in (*piece, *self._waiting)]
 
     def _in_time(self, d: Detection) -> Detection:
-        offset = self.clocks.get(d.camera)
-        return d if offset is None else replace(d, t=d.t - offset[0])
+        rest = self._rest.get(d.camera)
+        return replace(d, t=d.t - rest) if rest else d
 
 
 class _Tracks:
@@ -270,26 +262,25 @@ def _one_report(
     def rms(own: np.ndarray) -> float:
         return float(np.sqrt(np.average(frames.rms[own] ** 2, weights=frames.tags[own])))
 
-    seen = [c for c in range(len(cameras)) if (frames.tags[frames.camera == c] > 0).any()]
+    def rms_of_tag(tag_id: int) -> float:
+        own = [report for report in reports if tag_id in report.rms_by_tag]
+        squares, weights = (
+            [report.rms_by_tag[tag_id] ** 2 for report in own],
+            [max(report.n_poses, 1) for report in own],
+        )
+        return float(np.sqrt(np.average(squares, weights=weights)))
+
+    def total(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
+        sums = Counter[str]()
+        for count in counts:
+            sums.update(count)
+        return dict(sums)
+
     tags = sorted({tag_id for report in reports for tag_id in report.rms_by_tag})
-    squares: dict[int, list[tuple[float, int]]] = {tag_id: [] for tag_id in tags}
-    dropped_steps: Counter[str] = Counter()
-    dropped_tags: Counter[str] = Counter()
-    sightings: Counter[str] = Counter()
-    left_out: dict[str, Counter[str]] = {}
+    seen = [c for c in range(len(cameras)) if (frames.tags[frames.camera == c] > 0).any()]
     suspects: dict[tuple[str, str], Suspect] = {}
     for suspect in (suspect for report in (found, *reports) for suspect in report.suspects):
         suspects.setdefault((suspect.kind, suspect.name), suspect)
-    for report in reports:
-        for tag_id, value in report.rms_by_tag.items():
-            squares[tag_id].append((value**2, max(report.n_poses, 1)))
-        sightings.update(report.sightings)
-        for camera, reasons in report.left_out.items():
-            left_out.setdefault(camera, Counter()).update(reasons)
-        dropped_steps.update(report.dropped_steps)
-        dropped_tags.update(report.dropped_tags)
-    unplaced = [name for name in reports[0].unplaced if all(name in report.unplaced for report in reports)]
-    worst = sorted((row for report in reports for row in report.worst_frames), key=lambda row: -row[2])[:10]
     whole = rms(frames.tags > 0)
     return replace(
         found,
@@ -298,17 +289,17 @@ def _one_report(
         rms=whole,
         rms_axis=whole / 2**0.5,
         rms_by_camera={cameras[c]: rms(frames.camera == c) for c in seen},
-        rms_by_tag={
-            tag_id: float(np.sqrt(np.average([value for value, _ in pairs], weights=[n for _, n in pairs])))
-            for tag_id, pairs in squares.items()
-        },
+        rms_by_tag={tag_id: rms_of_tag(tag_id) for tag_id in tags},
         noise_scale=float(np.median([report.noise_scale for report in reports])),
-        sightings=dict(sightings),
-        left_out={camera: dict(reasons) for camera, reasons in left_out.items()},
-        dropped_steps=dict(dropped_steps),
-        dropped_tags=dict(dropped_tags),
-        worst_frames=worst,
-        unplaced=unplaced,
+        sightings=total(report.sightings for report in reports),
+        left_out={
+            camera: total(report.left_out.get(camera, {}) for report in reports)
+            for camera in dict.fromkeys(name for report in reports for name in report.left_out)
+        },
+        dropped_steps=total(report.dropped_steps for report in reports),
+        dropped_tags=total(report.dropped_tags for report in reports),
+        worst_frames=sorted((row for report in reports for row in report.worst_frames), key=lambda row: -row[2])[:10],
+        unplaced=[name for name in reports[0].unplaced if all(name in report.unplaced for report in reports)],
         suspects=list(suspects.values()),
         spread=reports[0].spread,
         rms_bare=reports[0].rms_bare,

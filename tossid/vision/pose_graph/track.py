@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,13 +12,11 @@ from tossid.errors import InputError
 from tossid.settings.tracking import TrackSettings
 from tossid.types import Detection, PoseTrack
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.pose_graph.clocks import SAME, SIGMAS, clock_offsets
-from tossid.vision.pose_graph.coarse_clocks import CoarseClocks, coarse_clocks
-from tossid.vision.pose_graph.gating import gate_tree, pose_track
+from tossid.vision.pose_graph.clocks import SAME, Clocks, clock_offsets
+from tossid.vision.pose_graph.gating import gate_steps, pose_track
 from tossid.vision.pose_graph.graph_builder import CLOCK_SIGMA
 from tossid.vision.pose_graph.report import (
     CONTRADICTS,
-    Counts,
     FrameErrors,
     TrackReport,
     calibrated,
@@ -27,11 +25,12 @@ from tossid.vision.pose_graph.report import (
     sightings_left_out,
 )
 from tossid.vision.pose_graph.robust import SolvedScene, solve_scene
-from tossid.vision.pose_graph.scene import Scene, observe, words
-from tossid.vision.pose_graph.state import given
+from tossid.vision.pose_graph.scene import observe, words
 from tossid.vision.setup.layout import TagLayout, descendants
 
 DEFAULT = TrackSettings()
+SIGMAS = 5.0
+"""The pose graph confirms an offset that is so many of its standard deviations from zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,25 +73,10 @@ def track_scene(
         InputError: A detection of an unknown camera; nothing that can be placed; too few poses for a track.
     """
     detections = sorted(detections, key=lambda d: d.t)
-    coarse = coarse_clocks(detections, cameras, layout, settings=settings) if settings.clocks else CoarseClocks()
-    in_time = list(coarse.in_time(detections))
-    return with_clocks(
-        track_in_time(in_time, cameras, layout, settings=settings, name=name, apart=coarse.offsets), coarse
-    )
-
-
-def with_clocks(tracked: Tracked, coarse: CoarseClocks) -> Tracked:
-    """What was tracked after clocks had been set coarsely, with the whole offsets in its report.
-
-    Args:
-        tracked: What was found; its clocks' offsets are the rest.
-        coarse: What had been subtracted.
-    """
-    rest, sigma = tracked.report.clocks, CLOCK_SIGMA
-    clocks = {
-        c: (late + rest.get(c, (0.0, sigma))[0], rest.get(c, (0.0, sigma))[1]) for c, late in coarse.offsets.items()
-    }
-    return replace(tracked, report=replace(tracked.report, clocks={**rest, **clocks}, clock_doubts=dict(coarse.doubts)))
+    clocks = clock_offsets(detections, cameras, layout, settings=settings) if settings.clocks else Clocks()
+    in_time = list(clocks.in_time(detections))
+    tracked = track_in_time(in_time, cameras, layout, settings=settings, name=name, subtracted=clocks.offsets)
+    return replace(tracked, report=replace(tracked.report, clock_doubts=clocks.doubts))
 
 
 def track_in_time(
@@ -102,57 +86,29 @@ def track_in_time(
     *,
     settings: TrackSettings = DEFAULT,
     name: str | None = None,
-    apart: Collection[str] = (),
+    subtracted: Mapping[str, float] | None = None,
 ) -> Tracked:
-    """The same of cameras whose clocks are no further apart than the fine search looks.
+    """The same of cameras whose clocks agree, but for what `clock_offsets` has left of their offsets.
 
-    Args:
-        detections: As `track_scene` has them.
-        cameras: As `track_scene` has them.
-        layout: As `track_scene` has it.
-        settings: As `track_scene` has them.
-        name: As `track_scene` has it.
-        apart: Cameras whose clocks were set coarsely; what is left of their offsets is estimated however small it is.
-
-    Raises:
-        InputError: As `track_scene`.
+    `subtracted` are the offsets [s] that the detections' times are without, by camera's name; what is left of these is
+    estimated. All else is as `track_scene` has it.
     """
-    as_stamped, dropped = _observed(detections, cameras, layout, {})
-    scene = as_stamped
-    always = {c for c, camera in enumerate(cameras) if camera.name in apart}
-    offsets = dict.fromkeys(always, 0.0)
-    if settings.clocks:
-        offsets |= clock_offsets(scene, given(scene), settings=settings)
+    late = dict(subtracted or {})
     while True:
-        if any(offsets.values()):
-            scene, dropped = _observed(detections, cameras, layout, offsets)
-        solved = solve_scene(scene, offsets, settings=settings)
-        clocks = solved.clocks(offsets)
+        dropped: Counter[str] = Counter()
+        scene = observe(detections, cameras, layout, dropped=dropped)
+        free = np.array([camera.name in late for camera in cameras])
+        solved = solve_scene(scene, free, settings=settings)
+        rest, sigma = solved.solution.clock, solved.solution.clock_sigma
+        found = {cameras[c].name: (late[cameras[c].name] + rest[c], sigma[c]) for c in np.flatnonzero(free)}
         # an offset that the graph does not confirm is taken as zero, and the scene solved again
-        sure = {
-            c: offset
-            for c, offset in offsets.items()
-            if c in always or abs(clocks[c][0]) > max(SAME, SIGMAS * clocks[c][1])
-        }
-        if len(sure) == len(offsets):
-            named = {cameras[c].name: found for c, found in clocks.items()}
-            return _tracked(solved, settings, layout, name, named, dropped)
-        offsets = sure
-        if not any(offsets.values()):
-            scene, dropped = _observed(detections, cameras, layout, {})
-
-
-def _observed(
-    detections: Sequence[Detection],
-    cameras: Sequence[Camera],
-    layout: TagLayout,
-    offsets: dict[int, float],
-) -> tuple[Scene, Counter[str]]:
-    """The scene with clocks' offsets [s] subtracted, by camera's number, and counts of what was left out."""
-    late = {cameras[c].name: offset for c, offset in offsets.items()}
-    dropped: Counter[str] = Counter()
-    shifted = [replace(d, t=d.t - late[d.camera]) if d.camera in late else d for d in detections]
-    return observe(shifted, cameras, layout, dropped=dropped), dropped
+        sure = {one: abs(offset) > max(SAME, SIGMAS * sd) for one, (offset, sd) in found.items()}
+        zero = {one for one, (_, sd) in found.items() if not sure[one] and sd < CLOCK_SIGMA / 2}
+        if not zero:
+            clocks = {one: (float(offset), float(sd)) for one, (offset, sd) in found.items()}
+            return _tracked(solved, settings, layout, name, clocks, dropped)
+        detections = [replace(d, t=d.t + late[d.camera]) if d.camera in zero else d for d in detections]
+        late = {one: offset for one, offset in late.items() if one not in zero}
 
 
 def _tracked(
@@ -178,7 +134,7 @@ def _tracked(
         seen = np.bincount(scene.step[rows], minlength=len(scene.t)) > 0
         if not seen.any():
             continue
-        gate = gate_tree(scene, solution, errors, rows & used, seen, tree, settings)
+        gate = gate_steps(scene, solution, errors, rows & used, seen, tree, settings)
         n_steps, n_poses = n_steps + int(seen.sum()), n_poses + int(gate.accepted.sum())
         reasons += gate.reasons
         accepted &= ~rows | gate.accepted[scene.step]
@@ -193,10 +149,14 @@ def _tracked(
         why = "; ".join([words(reasons + dropped), *(suspect.message for suspect in solved.suspects)])
         raise InputError(f"only {n_poses} of {n_steps} time steps gave a pose ({why})")
     frames = frame_errors(scene, errors, accepted)
-    per_camera = np.bincount(scene.camera, scene.count, minlength=len(scene.cameras)).astype(int)
-    seen_by = {camera.name: n for camera, n in zip(scene.cameras, per_camera.tolist(), strict=True)}
-    left_out = sightings_left_out(solved, accepted, gated)
-    counts = Counts(n_steps, n_poses, seen_by, left_out, dict(reasons), dict(dropped))
-    report = make_report(solved, accepted, frames, counts, clocks)
+    report = replace(
+        make_report(solved, accepted, frames),
+        n_steps=n_steps,
+        n_poses=n_poses,
+        left_out=sightings_left_out(solved, accepted, gated),
+        dropped_steps=dict(reasons),
+        dropped_tags=dict(dropped),
+        clocks=clocks,
+    )
     cameras, layout = calibrated(scene, solution, layout)
     return Tracked(tracks, cameras, layout, frames, report)

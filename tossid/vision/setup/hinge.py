@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.kernels import kernel
-from tossid.rotations import quat_exp, quat_to_matrix, skew, transform_inv
+from tossid.rotations import skew, transform_inv
 
 Array = NDArray[np.float64]
 
@@ -38,14 +38,6 @@ class Hinge:
     T_parent_body: Array
     axis: Array
     anchor: Array
-
-    def pose(self, angle: float | Array) -> Array:
-        """T_parent_body at angles [rad]. (*b) -> (*b, 4, 4)."""
-        angle = np.asarray(angle, dtype=float)
-        T = np.broadcast_to(np.eye(4), (*angle.shape, 4, 4)).copy()
-        T[..., :3, :3] = quat_to_matrix(quat_exp(angle[..., None] * self.axis))
-        T[..., :3, 3] = self.anchor - T[..., :3, :3] @ self.anchor
-        return np.asarray(self.T_parent_body @ T)
 
     def angle(self, T_parent_body: Array) -> Array:
         """The angle [rad] whose turn is nearest to that of any pose. (*b, 4, 4) -> (*b,)."""

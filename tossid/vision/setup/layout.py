@@ -78,43 +78,22 @@ class Body:
 
 
 @dataclass(frozen=True, eq=False)
-class Distance:
-    """A measured distance between corners of two tags on static bodies.
+class Measurement:
+    """A measured length: the distance between two points of tags on static bodies, or one point's coordinate.
 
     Attributes:
         name: As in `tagslam.yaml`.
-        tags: Ids of the two tags.
-        corners: Corner (0 to 3) of each.
-        length: The distance [m].
+        points: One or two points, each a tag's id and its corner (0 to 3), None for its centre.
+        length: What was measured [m].
         noise: Its standard deviation [m].
+        direction: (3,) unit, map frame, along which a single point's coordinate is measured; None for a distance.
     """
 
     name: str
-    tags: tuple[int, int]
-    corners: tuple[int, int]
+    points: tuple[tuple[int, int | None], ...]
     length: float
     noise: float
-
-
-@dataclass(frozen=True, eq=False)
-class Coordinate:
-    """A measured coordinate of a tag's corner on a static body.
-
-    Attributes:
-        name: As in `tagslam.yaml`.
-        tag: Id of the tag.
-        corner: Corner (0 to 3); None: the tag's centre.
-        direction: (3,) unit, map frame.
-        length: The coordinate along it [m].
-        noise: Its standard deviation [m].
-    """
-
-    name: str
-    tag: int
-    corner: int | None
-    direction: Array
-    length: float
-    noise: float
+    direction: Array | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +136,7 @@ class TagLayout:
     bodies: tuple[Body, ...]
     default_body: str | None = None
     parameters: dict[str, Any] = field(default_factory=dict)
-    measurements: tuple[Distance | Coordinate, ...] = ()
+    measurements: tuple[Measurement, ...] = ()
     remaps: tuple[Remap, ...] = ()
     squashes: tuple[Squash, ...] = ()
     max_hamming: int | None = None

@@ -20,8 +20,7 @@ from tossid.vision.setup.layout import (
     FAMILIES,
     Body,
     BodyTag,
-    Coordinate,
-    Distance,
+    Measurement,
     Remap,
     Squash,
     TagLayout,
@@ -37,6 +36,11 @@ _TOP = (
     *("bodies", "body_defaults", "default_body", "tag_family", "max_hamming_distance", "tagslam_parameters"),
     *("distance_measurements", "coordinate_measurements", "plane_measurements", "tag_id_remap", "squash"),
 )
+MEASUREMENTS = {
+    "distance_measurements": ("tag1", "tag2", "corner1", "corner2", "distance", "noise"),
+    "coordinate_measurements": ("tag", "corner", "direction", "length", "noise"),
+    "plane_measurements": ("tags", "direction", "distance", "noise"),
+}
 _BOARD = ("tag_start_id", "tag_size", "tag_spacing", "tag_rows", "tag_columns")
 _BOARD_NOISE = ("tag_position_noise", "tag_rotation_noise")
 # what TagSLAM takes in beside that, for its optimizer and what it publishes
@@ -230,43 +234,34 @@ def _board_tags(path: Path, where: str, board: dict[str, Any], family: str) -> l
     return tags
 
 
-def _read_measurements(path: Path, content: dict[str, Any]) -> tuple[Distance | Coordinate, ...]:
+def _read_measurements(path: Path, content: dict[str, Any]) -> tuple[Measurement, ...]:
     """`distance_measurements`, `coordinate_measurements`, and `plane_measurements` (coordinates of tags' centres)."""
-    found: list[Distance | Coordinate] = []
-
-    def value(entry: dict[str, Any], where: str, key: str) -> float:
-        if key not in entry:
-            raise FileError(path, f"{where} has no {key}")
-        return number(path, f"{where}.{key}", entry[key])
-
-    def direction(entry: dict[str, Any], where: str) -> Array:
-        axis = numbers(path, f"{where}.direction", entry.get("direction"), 3)
-        if abs(np.linalg.norm(axis) - 1) > 1e-5:
-            raise FileError(path, f"{where}.direction is {axis.tolist()}, expected a unit vector")
-        return axis
-
-    for name, entry in _named(path, "distance_measurements", content.get("distance_measurements") or []):
-        where = f"distance_measurements.{name}"
-        check_keys(path, where, entry, ("tag1", "tag2", "corner1", "corner2", "distance", "noise"))
-        tags, corners = (tuple(int(value(entry, where, f"{key}{k}")) for k in (1, 2)) for key in ("tag", "corner"))
-        length, noise = value(entry, where, "distance"), value(entry, where, "noise")
-        found.append(Distance(name, (tags[0], tags[1]), (corners[0], corners[1]), length, noise))
-    for name, entry in _named(path, "coordinate_measurements", content.get("coordinate_measurements") or []):
-        where = f"coordinate_measurements.{name}"
-        check_keys(path, where, entry, ("tag", "corner", "direction", "length", "noise"))
-        tag, corner = (int(value(entry, where, key)) for key in ("tag", "corner"))
-        length, noise = value(entry, where, "length"), value(entry, where, "noise")
-        found.append(Coordinate(name, tag, corner, direction(entry, where), length, noise))
-    for name, entry in _named(path, "plane_measurements", content.get("plane_measurements") or []):
-        where = f"plane_measurements.{name}"
-        check_keys(path, where, entry, ("tags", "direction", "distance", "noise"))
-        axis, length, noise = direction(entry, where), value(entry, where, "distance"), value(entry, where, "noise")
-        for tag in sorted(_ids(path, f"{where}.tags", entry.get("tags"))):
-            found.append(Coordinate(f"{name}_tag_{tag}", tag, None, axis, length, noise))
-    for measurement in found:
-        corners = measurement.corners if isinstance(measurement, Distance) else (measurement.corner or 0,)
-        if measurement.noise <= 0 or not all(0 <= corner <= 3 for corner in corners):
-            raise FileError(path, f"measurement {measurement.name}: expected corners 0 to 3 and a positive noise")
+    found: list[Measurement] = []
+    for kind, keys in MEASUREMENTS.items():
+        for name, entry in _named(path, kind, content.get(kind) or []):
+            where = f"{kind}.{name}"
+            check_keys(path, where, entry, keys)
+            missing = [key for key in keys if key not in entry]
+            if missing:
+                raise FileError(path, f"{where} has no {missing[0]}")
+            values = {
+                key: number(path, f"{where}.{key}", entry[key]) for key in keys if key not in ("tags", "direction")
+            }
+            direction = None
+            if "direction" in keys:
+                direction = numbers(path, f"{where}.direction", entry["direction"], 3)
+                if abs(np.linalg.norm(direction) - 1) > 1e-5:
+                    raise FileError(path, f"{where}.direction is {direction.tolist()}, expected a unit vector")
+            corners = {key: int(value) for key, value in values.items() if key.startswith("corner")}
+            if values["noise"] <= 0 or not all(0 <= corner <= 3 for corner in corners.values()):
+                raise FileError(path, f"measurement {name}: expected corners 0 to 3 and a positive noise")
+            length, noise = values.get("length", values.get("distance", 0.0)), values["noise"]
+            if "tags" in keys:
+                for tag in sorted(_ids(path, f"{where}.tags", entry["tags"])):
+                    found.append(Measurement(f"{name}_tag_{tag}", ((tag, None),), length, noise, direction))
+                continue
+            points = [(int(values[f"tag{k}"]), corners[f"corner{k}"]) for k in ("", 1, 2) if f"tag{k}" in keys]
+            found.append(Measurement(name, tuple(points), length, noise, direction))
     return tuple(found)
 
 
