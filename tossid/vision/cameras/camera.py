@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -135,61 +136,23 @@ class Camera:
             points behind the camera or outside the range of the lens model.
         """
         points = np.asarray(points, dtype=float)
-        X, Y, Z = points[..., 0], points[..., 1], points[..., 2]
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            if self.distortion_model == EQUIDISTANT:
-                d, Jd, seen = self._equidistant(X, Y, Z)
-            else:
-                d, Jd, seen = self._brown(X, Y, Z)
-        f = self.intrinsics[:2]
-        pixels = np.where(seen[..., None], f * d + self.intrinsics[2:], np.nan)
-        return pixels, np.where(seen[..., None, None], f[:, None] * Jd, np.nan)
-
-    def _brown(self, X: Array, Y: Array, Z: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        k1, k2, p1, p2, k3 = self._radtan
-        x, y = X / Z, Y / Z
-        r2 = x * x + y * y
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        slope = k1 + r2 * (2 * k2 + 3 * r2 * k3)  # d radial / d r²
-        d = np.stack(
-            [x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y],
-            axis=-1,
-        )
-        xx = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
-        xy = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
-        yy = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
-        J = np.stack(
-            [
-                np.stack([xx, xy, -(xx * x + xy * y)], axis=-1) / Z[..., None],
-                np.stack([xy, yy, -(xy * x + yy * y)], axis=-1) / Z[..., None],
-            ],
-            axis=-2,
-        )
-        return d, J, (Z > 0) & (r2 < self.radius_limit**2)
-
-    def _equidistant(self, X: Array, Y: Array, Z: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        k1, k2, k3, k4 = self.distortion
-        R = np.hypot(X, Y)
-        theta = np.arctan2(R, Z)
-        t2 = theta * theta
-        theta_d = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
-        slope = 1 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))  # d θ_d / d θ
-        axis = 1e-9 * np.abs(Z) > R
-        safe = np.where(axis, 1.0, R)
-        scale = np.where(axis, 1.0 / Z, theta_d / safe)
-        norm2 = R * R + Z * Z
-        # d(θ_d / R)/dR at fixed Z, and dθ_d/dZ over R
-        d_scale_R = np.where(axis, 0.0, (slope * Z / norm2 - theta_d / safe) / safe)
-        d_scale_Z = np.where(axis, -1.0 / Z**2, -slope / norm2)
-        cx, cy = np.where(axis, 0.0, X / safe), np.where(axis, 0.0, Y / safe)
-        J = np.stack(
-            [
-                np.stack([scale + X * d_scale_R * cx, X * d_scale_R * cy, X * d_scale_Z], axis=-1),
-                np.stack([Y * d_scale_R * cx, scale + Y * d_scale_R * cy, Y * d_scale_Z], axis=-1),
-            ],
-            axis=-2,
-        )
-        return np.stack([scale * X, scale * Y], axis=-1), J, (theta < self.radius_limit) & (norm2 > 0)
+        if not points.size:
+            return np.zeros((*points.shape[:-1], 2)), np.zeros((*points.shape[:-1], 2, 3))
+        flat, still = points.reshape(-1, 1, 3), np.zeros(3)
+        Z, radius = flat[:, 0, 2], np.linalg.norm(flat[:, 0, :2], axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            reach = np.arctan2(radius, Z) if self.distortion_model == EQUIDISTANT else radius / Z
+        seen = (Z > 0) & (reach < self.radius_limit)
+        safe = np.where(seen[:, None, None], flat, [0.0, 0.0, 1.0])
+        # the derivative by a translation is that by the point
+        if self.distortion_model == EQUIDISTANT:
+            pixels, J = cv2.fisheye.projectPoints(safe, still, still, self.matrix, self.distortion)
+            by_point = J[:, 11:14]
+        else:
+            pixels, J = cv2.projectPoints(safe, still, still, self.matrix, np.array(self._radtan))
+            by_point = J[:, 3:6]
+        pixels[~seen], by_point[np.repeat(~seen, 2)] = np.nan, np.nan
+        return pixels.reshape(*points.shape[:-1], 2), by_point.reshape(*points.shape[:-1], 2, 3)
 
     def project(self, points_world: ArrayLike) -> Array:
         """World points [m] (*b, n, 3) to pixels (*b, n, 2); NaN where not in front of the lens."""
@@ -201,26 +164,15 @@ class Camera:
         Newton's method on `distort`. NaN where it does not converge.
         """
         pixels = np.asarray(pixels, dtype=float)
-        f, c = self.intrinsics[:2], self.intrinsics[2:]
-        target = (pixels - c) / f
-        if self.distortion_model == EQUIDISTANT:
-            return self._undistort_equidistant(target)
-        return undistort_brown(target.reshape(-1, 2), self._radtan, self.radius_limit).reshape(target.shape)
-
-    def _undistort_equidistant(self, target: Array) -> Array:
-        k1, k2, k3, k4 = self.distortion
-        theta_d = np.linalg.norm(target, axis=-1)
-        theta = np.minimum(theta_d, 0.9 * self.radius_limit)
-        error = np.zeros_like(theta)
-        for _ in range(20):
-            t2 = theta * theta
-            error = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))) - theta_d
-            theta = theta - error / (1 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4))))
-            if not (np.abs(error) > 1e-13).any():
-                break
-        scale = np.where(theta_d > 1e-12, np.tan(theta) / np.where(theta_d > 1e-12, theta_d, 1.0), 1.0)
-        good = (np.abs(error) < 1e-10) & (theta >= 0) & (theta < min(self.radius_limit, np.pi / 2))
-        return np.where(good[..., None], target * scale[..., None], np.nan)
+        if self.distortion_model != EQUIDISTANT or not pixels.size:
+            target = (pixels - self.intrinsics[2:]) / self.intrinsics[:2]
+            return undistort_brown(target.reshape(-1, 2), self._radtan, self.radius_limit).reshape(target.shape)
+        exact = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-14)
+        flat = np.where(np.isfinite(pixels), pixels, -1e6).reshape(-1, 1, 2)
+        xy = cv2.fisheye.undistortPoints(flat, self.matrix, self.distortion, criteria=exact).reshape(pixels.shape)
+        again = self.distort(np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1))[0]
+        good = np.abs(again - pixels).max(axis=-1) < 1e-10 * self.intrinsics[:2].max()
+        return np.where(good[..., None], xy, np.nan)
 
     @cached_property
     def rays(self) -> Array:
