@@ -21,7 +21,7 @@ from tossid.settings.rendering import RenderSettings
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.shutter import Exposure, between
 from tossid.vision.rendering._raster import Faces, Optics, Prints, cast, visible_shares
-from tossid.vision.rendering.backdrop import backdrop
+from tossid.vision.rendering.backdrop import Levels, backdrop
 from tossid.vision.rendering.hand import hand_faces
 from tossid.vision.setup.faces import TAG_CELLS, face_of_tag, object_faces, plane_axes, tag_bitmap
 
@@ -92,15 +92,9 @@ class Renderer:
     def _empty(self, camera: Camera) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """The scene without the object, before and after the lens's blur."""
         settings = self.settings
-        sharp = backdrop(
-            camera,
-            levels=(GROUND, 0.5 * GROUND, settings.white, BLACK),
-            light=settings.ambient + (1 - settings.ambient) * LIGHT[2],
-            lens=settings.lens,
-            samples=self._samples,
-            texture=settings.texture,
-            litter=settings.litter,
-        )
+        light = settings.ambient + (1 - settings.ambient) * LIGHT[2]
+        levels = Levels(GROUND * light, 0.5 * GROUND, settings.texture, settings.white * light, BLACK * light)
+        sharp = backdrop(camera, levels, lens=settings.lens, samples=self._samples, litter=settings.litter)
         if settings.blur > 0:
             return sharp, np.asarray(cv2.GaussianBlur(sharp, (0, 0), settings.blur), dtype=np.float32)
         return sharp, sharp
