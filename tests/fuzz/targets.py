@@ -21,7 +21,7 @@ from tossid.objects import OBJECT_FILES, ObjectModel, load_object, recorded_obje
 from tossid.settings.training import TrainSettings
 from tossid.store import read_contactnets, read_dataset, read_pll, read_tum, write_dataset, write_tum
 from tossid.types import Detection, PoseTrack
-from tossid.vision.recordings.formats.bags import read_bag_detections
+from tossid.vision.recordings.bag_contents import read_bag_detections
 from tossid.vision.recordings.formats.frames import read_recording
 from tossid.vision.recordings.npz import read_detections, read_tracks, write_detections, write_tracks
 from tossid.vision.recordings.recording import read_image

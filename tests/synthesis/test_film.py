@@ -82,6 +82,18 @@ def test_without_effects_the_truth_says_so(tmp_path: Path) -> None:
     assert np.load(tmp_path / "film" / TRUE_VIEWS)["kept"].all()
 
 
+def test_an_interrupted_film_leaves_what_was_there(tmp_path: Path) -> None:
+    def stop(what: str, share: float) -> None:
+        if what == "rendering":
+            raise KeyboardInterrupt
+
+    synthesize("cube", tosses=1, out=tmp_path / "film")
+    with pytest.raises(KeyboardInterrupt):
+        synthesize("cube", frames=True, out=tmp_path / "film", settings=SMALL, progress=stop)
+    assert sorted(path.name for path in (tmp_path / "film").glob("*.h5")) == ["tosses.h5", "truth.h5"]
+    assert [path.name for path in tmp_path.iterdir() if not path.name.endswith(".lock")] == ["film"]
+
+
 @pytest.mark.parametrize(
     ("keys", "message"),
     [

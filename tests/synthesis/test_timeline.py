@@ -90,25 +90,13 @@ def test_images_depend_on_the_seed_and_not_on_threads(made, tagged: ObjectModel,
     images = []
     for threads in (1, 2):
         done: list[int] = []
-        with RecordingWriter(tmp_path / "rec", cameras, layout_of(tagged), image_format="png") as writer:
-            rng = np.random.default_rng(4)
-            truth = render_timeline(short, tagged, cameras, writer, rng, threads=threads, progress=done.append)
+        writer = RecordingWriter(tmp_path / "rec", cameras, layout_of(tagged), image_format="png")
+        rng = np.random.default_rng(4)
+        truth = render_timeline(short, tagged, cameras, writer, rng, threads=threads, progress=done.append)
         assert truth.kept.sum() == 12
         assert sum(done) == 12
         images.append([frame.image for frame in read_recording(tmp_path / "rec")])
     np.testing.assert_array_equal(images[0], images[1])
-
-
-def test_an_interrupt_leaves_nothing(made, tagged: ObjectModel, tmp_path: Path):
-    _, timeline = made
-    cameras = default_rig(n_cameras=1, resolution=(160, 128))
-
-    def stop(_: int) -> None:
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt), RecordingWriter(tmp_path / "rec", cameras, layout_of(tagged)) as writer:
-        render_timeline(timeline, tagged, cameras, writer, np.random.default_rng(0), progress=stop)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_time_stamps_survive_the_names(filmed: Filmed):

@@ -51,7 +51,6 @@ def filmed(tagged: ObjectModel, rig: tuple[Camera, ...], tmp_path_factory: pytes
     timeline = make_timeline([thrown(tagged, rng, name=f"toss_{i}") for i in range(2)], tagged, rng, start=2.0)
 
     def make(folder: Path) -> None:
-        with RecordingWriter(folder / "recording", rig, layout_of(tagged)) as writer:
-            render_timeline(timeline, tagged, rig, writer, rng)
+        render_timeline(timeline, tagged, rig, RecordingWriter(folder / "recording", rig, layout_of(tagged)), rng)
 
     return Filmed(read_recording(made_once(tmp_path_factory, "filmed", make) / "recording"), timeline)

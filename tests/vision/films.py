@@ -36,9 +36,8 @@ def film_of(
     settings: RenderSettings = IMAGES,
 ) -> tuple[Recording, FilmTruth]:
     """Render a timeline into a folder; returns the recording and the truth."""
-    with RecordingWriter(folder, cameras, layout_of(model), quality=90) as writer:
-        rng = np.random.default_rng(7)
-        truth = render_timeline(timeline, model, cameras, writer, rng, settings=settings, filming=filming)
+    writer, rng = RecordingWriter(folder, cameras, layout_of(model), quality=90), np.random.default_rng(7)
+    truth = render_timeline(timeline, model, cameras, writer, rng, settings=settings, filming=filming)
     return read_recording(folder), truth
 
 

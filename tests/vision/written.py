@@ -20,7 +20,7 @@ def write_recording(
     image_format: str = "jpg",
     quality: int = 80,
 ) -> None:
-    """Write a recording from frames as they come; whole or not at all (`RecordingWriter`)."""
-    with RecordingWriter(target, cameras, layout, image_format=image_format, quality=quality) as writer:
-        for frame in frames:
-            writer.write(frame)
+    """Write a recording from frames as they come."""
+    writer = RecordingWriter(target, cameras, layout, image_format=image_format, quality=quality)
+    for frame in frames:
+        writer.write(frame)

@@ -238,7 +238,8 @@ def _ingest_recording(
 ) -> IngestReport:
     """Detect, track and segment; poses go to a temporary file, so that a long film needs little memory."""
     body, tally = stages.object_name(opened), Counter[str]()
-    with PoseSpool(file.parent) as spool:
+    with tempfile.TemporaryFile(dir=file.parent) as buffer:
+        spool = PoseSpool(buffer)
 
         def keep(name: str, part: PoseTrack) -> None:
             if name == body:

@@ -104,13 +104,9 @@ def film(
         if progress is not None:
             progress(done / total)
 
-    inner = folder / "recording"  # the writer's own temporaries then lie inside ours
     how: dict[str, Any] = {"settings": images, "filming": filming, "threads": os.cpu_count() or 1, "progress": advance}
-    with RecordingWriter(inner, cameras, layout_of(model), quality=keys.quality) as writer:
-        truth = render_timeline(timeline, model, cameras, writer, rng, **how)
-    for entry in inner.iterdir():
-        entry.rename(folder / entry.name)
-    inner.rmdir()
+    writer = RecordingWriter(folder, cameras, layout_of(model), quality=keys.quality)
+    truth = render_timeline(timeline, model, cameras, writer, rng, **how)
     write_tracks([PoseTrack("truth", timeline.t, timeline.q)], folder / TRUE_POSES)
     facts = {
         "schema": "tossid.film/1",

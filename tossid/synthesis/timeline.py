@@ -204,7 +204,7 @@ def render_timeline(
         timeline: The motion.
         model: The object, with its tags.
         cameras: What films.
-        writer: An entered `RecordingWriter`.
+        writer: Of the recording.
         rng: Of the sensors' noise and of the dropped frames.
         settings: How images look.
         filming: Shutter, clocks, dropped frames and hand.

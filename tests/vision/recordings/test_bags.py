@@ -14,7 +14,7 @@ from tests.vision.bags import CAMERAS, CORNERS, PICTURES, STORES, header, write_
 from tossid.errors import FileError, InputError
 from tossid.objects import ObjectModel
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.recordings.formats.bags import read_bag_detections, read_bag_images
+from tossid.vision.recordings.bag_contents import read_bag_detections, read_bag_images
 from tossid.vision.recordings.registry import format_named, recognized_format
 from tossid.vision.recordings.rosbag import Bag, grey_image
 from tossid.vision.setup.calibration import read_cameras, write_cameras

@@ -1,4 +1,4 @@
-"""Image folders: written whole or not at all, read lazily, and bad frames named."""
+"""Image folders: read lazily, and bad frames named."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 from tests.vision.recordings.small import CAMERA, small_frames
 from tests.vision.written import write_recording
-from tossid.errors import FileError, InputError, OutputError
+from tossid.errors import FileError, InputError
 from tossid.objects import ObjectModel
 from tossid.types import Frame
 from tossid.vision.cameras.camera import Camera
@@ -162,35 +162,6 @@ def test_jpeg_is_near(tmp_path: Path, tagged: ObjectModel):
     write_recording(tmp_path / "rec", [CAMERA], layout_of(tagged), [Frame("left", 0.0, smooth)], quality=95)
     (frame,) = read_recording(tmp_path / "rec")
     assert np.abs(frame.image.astype(int) - smooth).max() <= 4
-
-
-@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
-def test_an_interrupted_recording_leaves_what_was_there(written: Path, tagged: ObjectModel, error: type[BaseException]):
-    def interrupted():
-        yield small_frames()[0]
-        raise error
-
-    with pytest.raises(error):
-        write_recording(written, [CAMERA], layout_of(tagged), interrupted())
-    assert read_recording(written).n_frames == 4
-    assert [path.name for path in written.parent.iterdir()] == ["rec"]
-
-
-def test_a_finished_recording_replaces_the_old(written: Path, tagged: ObjectModel):
-    write_recording(written, [CAMERA], layout_of(tagged), small_frames(2))
-    assert read_recording(written).n_frames == 2
-    assert [path.name for path in written.parent.iterdir()] == ["rec"]
-
-
-def test_a_full_disk_is_one_clear_error(tmp_path: Path, tagged: ObjectModel, monkeypatch: pytest.MonkeyPatch):
-    def full(self: Path, content: bytes) -> int:
-        raise OSError(28, "No space left on device")
-
-    writer = RecordingWriter(tmp_path / "rec", [CAMERA], layout_of(tagged))
-    with pytest.raises(OutputError, match="No space left"), writer:
-        monkeypatch.setattr(Path, "write_bytes", full)
-        writer.write(small_frames()[0])
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_options_are_checked(tmp_path: Path, tagged: ObjectModel):

@@ -1,18 +1,15 @@
 """Detections and poses of a long recording, kept in temporary files because they may not fit into memory.
 
-The files have no name and are gone with the process, however that ends. The caller says in which folder they lie, since
-the system's temporary one may be memory, too.
+The caller opens them with `tempfile.TemporaryFile`, so that they have no name and are gone with the process, however
+that ends; in a folder of its own, since the system's temporary one may be memory, too.
 """
 
 from __future__ import annotations
 
 import itertools
 import pickle
-import tempfile
 from collections.abc import Iterable, Iterator
-from pathlib import Path
-from types import TracebackType
-from typing import Self
+from typing import BinaryIO
 
 import numpy as np
 
@@ -23,35 +20,15 @@ AT_ONCE = 512
 """Detections that are written or read at once."""
 
 
-class _Spool:
-    """A temporary file, which lasts as long as the context."""
+class DetectionSpool(Iterable[Detection]):
+    """Detections in a temporary file, to be gone through again and again while that is open."""
 
-    def __init__(self, folder: Path | None) -> None:
-        """Make the file in a folder; None: in the system's for temporary files."""
-        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  (closed by the context)
-
-    def __enter__(self) -> Self:
-        """Itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Remove the file."""
-        self._file.close()
-
-
-class DetectionSpool(_Spool, Iterable[Detection]):
-    """Detections in a temporary file, to be gone through again and again. Use it as a context."""
-
-    def __init__(self, detections: Iterable[Detection], folder: Path | None) -> None:
-        """Take all detections at once; folder: as `_Spool` has it."""
-        super().__init__(folder)
-        self.count, source = 0, iter(detections)
+    def __init__(self, detections: Iterable[Detection], file: BinaryIO) -> None:
+        """Write all detections to a file."""
+        self._file, source = file, iter(detections)
         while some := list(itertools.islice(source, AT_ONCE)):
-            pickle.dump(some, self._file)
-            self.count += len(some)
-        self._end = self._file.tell()
+            pickle.dump(some, file)
+        self._end = file.tell()
 
     def __iter__(self) -> Iterator[Detection]:
         """The detections, from the first."""
@@ -63,12 +40,12 @@ class DetectionSpool(_Spool, Iterable[Detection]):
             yield from some
 
 
-class PoseSpool(_Spool):
-    """The stretches of a track, one after another, in a temporary file. Use it as a context."""
+class PoseSpool:
+    """The stretches of a track, one after another, in a temporary file."""
 
-    def __init__(self, folder: Path) -> None:
-        """Keep a track in a file in a folder."""
-        super().__init__(folder)
+    def __init__(self, file: BinaryIO) -> None:
+        """Keep a track in a file, while that is open."""
+        self._file = file
         self._shape: tuple[str, int, int] | None = None
         self._t: list[np.ndarray] = []
 

@@ -19,25 +19,27 @@ DETECTIONS_1 = "tossid.detections/1"
 TRACKS = "tossid.tracks/1"
 _TEXT, _COUNT, _NUMBER = "U", "iu", "f"
 _KINDS = {_TEXT: "text", _COUNT: "integers", _NUMBER: "floating-point numbers"}
-_DETECTIONS = {
-    "schema": (_TEXT, 0),
-    "cameras": (_TEXT, 1),
-    "camera": (_COUNT, 1),
-    "t": (_NUMBER, 1),
-    "tag_id": (_COUNT, 1),
-    "corners": (_NUMBER, 3),
-    "corner_cov": (_NUMBER, None),
-    "hamming": (_COUNT, 1),
-    "margin": (_NUMBER, 1),
+Layout = Mapping[str, tuple[str, tuple[int | str, ...]]]
+"""Kind of each array's values, and its shape; a length by a name is the same wherever it has that name."""
+_DETECTIONS: Layout = {
+    "schema": (_TEXT, ()),
+    "cameras": (_TEXT, ("cameras",)),
+    "camera": (_COUNT, ("n",)),
+    "t": (_NUMBER, ("n",)),
+    "tag_id": (_COUNT, ("n",)),
+    "corners": (_NUMBER, ("n", 4, 2)),
+    "corner_cov": (_NUMBER, ("n", 4, 2, 2)),
+    "hamming": (_COUNT, ("n",)),
+    "margin": (_NUMBER, ("n",)),
 }
-"""Kind of each array's values, and its dimensions (None: checked later)."""
-_TRACKS = {
-    "schema": (_TEXT, 0),
-    "names": (_TEXT, 1),
-    "lengths": (_COUNT, 1),
-    "t": (_NUMBER, 1),
-    "q": (_NUMBER, 2),
-    "q_cov": (_NUMBER, 3),
+_DETECTIONS_1 = {**_DETECTIONS, "corner_cov": (_NUMBER, ("n", 2, 2))}
+_TRACKS: Layout = {
+    "schema": (_TEXT, ()),
+    "names": (_TEXT, ("tracks",)),
+    "lengths": (_COUNT, ("tracks",)),
+    "t": (_NUMBER, ("n",)),
+    "q": (_NUMBER, ("n", "nq")),
+    "q_cov": (_NUMBER, ("n", "nv", "nv")),
 }
 
 
@@ -63,13 +65,8 @@ def write_detections(detections: Iterable[Detection], path: str | Path) -> None:
 def read_detections(path: str | Path) -> tuple[Detection, ...]:
     """Read what `write_detections` wrote, now or as `DETECTIONS_1`. `FileError` on anything else."""
     path = Path(path)
-    data = _read(path, _DETECTIONS, DETECTIONS, DETECTIONS_1)
+    data = _read(path, {DETECTIONS: _DETECTIONS, DETECTIONS_1: _DETECTIONS_1})
     n, old = len(data["t"]), str(data["schema"]) == DETECTIONS_1
-    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("camera", "tag_id", "hamming", "margin"), (n,))
-    shapes |= {"corners": (n, 4, 2), "corner_cov": (n, 2, 2) if old else (n, 4, 2, 2)}
-    for key, shape in shapes.items():
-        if data[key].shape != shape:
-            raise FileError(path, f"{key} has shape {data[key].shape}, expected {shape}")
     budget.check_claim(path, "cameras", len(data["cameras"]), budget.limits().cameras)
     names = [str(name) for name in data["cameras"]]
     if n and not (data["camera"].min() >= 0 and data["camera"].max() < len(names)):
@@ -111,12 +108,10 @@ def write_tracks(tracks: Sequence[PoseTrack], path: str | Path) -> None:
 def read_tracks(path: str | Path) -> tuple[PoseTrack, ...]:
     """Read what `write_tracks` wrote. `FileError` on anything else."""
     path = Path(path)
-    data = _read(path, _TRACKS, TRACKS)
+    data = _read(path, {TRACKS: _TRACKS})
     lengths, n = data["lengths"].astype(np.int64), len(data["t"])
     if not ((lengths >= 0) & (lengths <= n)).all() or lengths.sum() != n:
         raise FileError(path, "the tracks' lengths do not fit its times")
-    if len(data["names"]) != len(lengths) or len(data["q"]) != n or len(data["q_cov"]) != n:
-        raise FileError(path, "the lengths of its arrays do not fit together")
     tracks = []
     for name, end, length in zip(data["names"], np.cumsum(lengths), lengths, strict=True):
         own = slice(int(end - length), int(end))
@@ -133,29 +128,36 @@ def _write(path: Path, **arrays: Any) -> None:
         np.savez_compressed(stream, **arrays)
 
 
-def _read(path: Path, kinds: Mapping[str, tuple[str, int | None]], *schemas: str) -> dict[str, np.ndarray]:
-    """The arrays of a file of one of the schemas, of the kinds and dimensions that they must have."""
+def _read(path: Path, schemas: Mapping[str, Layout]) -> dict[str, np.ndarray]:
+    """The arrays of a file of one of the schemas, as its layout has them."""
+    expected = next(iter(schemas))
     try:
         budget.check_archive(path)
         with np.load(path, allow_pickle=False) as archive:
             data = {key: archive[key] for key in archive.files}
-            stored = {key: archive.zip.getinfo(f"{key}.npy").file_size for key in kinds if key in data}
+            stored = {key: archive.zip.getinfo(f"{key}.npy").file_size for key in data}
     except FileError:
         raise
     except Exception as error:  # of a damaged archive, zipfile, zlib and numpy raise whatever they come across
-        raise FileError(path, f"is not a whole {schemas[0]} file") from error
-    found = str(data.get("schema", "nothing"))
-    if found not in schemas:
-        raise FileError(path, f"holds {found}, expected {schemas[0]}")
-    missing = [key for key in kinds if key not in data]
+        raise FileError(path, f"is not a whole {expected} file") from error
+    layout = schemas.get(str(data.get("schema")))
+    if layout is None:
+        raise FileError(path, f"holds {data.get('schema', 'nothing')}, expected {expected}")
+    missing = [key for key in layout if key not in data]
     if missing:
         raise FileError(path, f"has no {', '.join(missing)}")
-    for key, (kind, dimensions) in kinds.items():
+    lengths = dict[int | str, int]()
+    for key, (kind, shape) in layout.items():
         array = data[key]  # numpy gives the bytes of what is no array
         if not isinstance(array, np.ndarray) or array.dtype.kind not in kind:
             raise FileError(path, f"{key} holds {getattr(array, 'dtype', 'bytes')}, expected {_KINDS[kind]}")
         if array.nbytes > stored[key]:  # of text of no length, NumPy makes text of one letter
             raise FileError(path, f"{key} claims {array.size:,} values, more than its {stored[key]} bytes can hold")
-        if dimensions not in (None, array.ndim):
-            raise FileError(path, f"{key} has shape {array.shape}, expected {dimensions} dimensions")
+        known = len(array.shape) == len(shape) and all(
+            size == (length if isinstance(length, int) else lengths.setdefault(length, size))
+            for length, size in zip(shape, array.shape, strict=True)
+        )
+        if not known:
+            wanted = ", ".join(str(lengths.get(length, length)) for length in shape)
+            raise FileError(path, f"{key} has shape {array.shape}, expected ({wanted})")
     return data

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -208,24 +208,12 @@ def frames_in_order(
     if abs(camera.clock_offset) * 1e9 > LATEST_NS / 4:
         raise FileError(path(0), f"camera '{camera.name}' has a clock offset of {camera.clock_offset} s")
     own = t_ns - round(camera.clock_offset * 1e9)
-    order = np.array(_order_of(own, path))
+    order = np.argsort(own, kind="stable")
+    for one, other in itertools.pairwise(order.tolist()):
+        if own[one] == own[other]:
+            raise FileError(path(other), f"has the same time stamp as {path(one).name}")
     return OnDemand(
         lambda i: FrameFile(camera.name, int(own[order[i]]), path(int(order[i])), index(int(order[i]))),
         len(order),
         kept=0,
     )
-
-
-def in_order(files: Iterable[FrameFile]) -> tuple[FrameFile, ...]:
-    """Frames of one camera in order of time. `FileError` where two have one time stamp."""
-    given = tuple(files)
-    return tuple(given[i] for i in _order_of([file.t_ns for file in given], lambda i: given[i].path))
-
-
-def _order_of(t_ns: Sequence[int] | NDArray[np.int64], path: Callable[[int], Path]) -> list[int]:
-    """Frames' places in order of time. `FileError` where two have one time stamp; path: where a frame lies."""
-    order = sorted(range(len(t_ns)), key=t_ns.__getitem__)
-    for one, other in itertools.pairwise(order):
-        if t_ns[one] == t_ns[other]:
-            raise FileError(path(other), f"has the same time stamp as {path(one).name}")
-    return order

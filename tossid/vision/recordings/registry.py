@@ -52,6 +52,13 @@ class Opened:
     model: ObjectModel | None = None
     """the object in it, with the tags that the layout gives it; None where none is named"""
 
+    @classmethod
+    def of(cls, recording: Recording, path: Path) -> Opened:
+        """A recording with images."""
+        cameras, layout, folder = recording.cameras, recording.layout, recording.folder
+        problems = recording.problems
+        return cls(path=path, folder=folder, cameras=cameras, layout=layout, recording=recording, problems=problems)
+
     @property
     def name(self) -> str:
         """Name of the recording, for files that are made from it."""

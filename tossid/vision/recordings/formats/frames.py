@@ -95,8 +95,7 @@ def _list_frames(folder: Path, camera: Camera) -> Sequence[FrameFile]:
 def _open(source: FramesSource) -> Opened:
     if source.path is None:
         raise ConfigError("source.path", "is needed; expected the folder of a recording.")
-    found = read_recording(source.path)
-    return Opened(path=source.path, folder=source.path, cameras=found.cameras, layout=found.layout, recording=found)
+    return Opened.of(read_recording(source.path), source.path)
 
 
 register_recording(FramesSource, _open, recognizes=lambda path: (path / "frames").is_dir())

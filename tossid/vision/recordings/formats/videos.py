@@ -174,15 +174,7 @@ def _listed(film: FilmIndex, camera: Camera, rate_hz: float | None, problems: li
 
 
 def _open(source: VideoSource) -> Opened:
-    found = read_videos(source.path, rate_hz=source.rate_hz)
-    return Opened(
-        path=source.path,
-        folder=source.path,
-        cameras=found.cameras,
-        layout=found.layout,
-        recording=found,
-        problems=found.problems,
-    )
+    return Opened.of(read_videos(source.path, rate_hz=source.rate_hz), source.path)
 
 
 def _has_videos(path: Path) -> bool:
