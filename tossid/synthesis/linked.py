@@ -11,7 +11,7 @@ from tossid.motion.links import body_tracks
 from tossid.objects import ObjectModel, corner_positions, object_from_mjcf
 from tossid.rotations import quat_conj, quat_exp, quat_mul, quat_rotate, quat_to_matrix
 from tossid.settings.synthesis import ShapeTossSettings
-from tossid.synthesis.shapes import noisy, scene_over_ground, toss
+from tossid.synthesis.shapes import noisy, toss
 from tossid.types import PoseTrack
 
 Array = NDArray[np.float64]
@@ -84,13 +84,7 @@ def toss_links(settings: ShapeTossSettings | None = None) -> TossedLinks:
   </worldbody>
 </mujoco>"""
     model, rng = object_from_mjcf(text, friction=settings.friction, width=0.1), np.random.default_rng(settings.seed)
-    truth = toss(
-        model,
-        scene_over_ground(text, settings),
-        lambda q: float(corner_positions(model, q)[:, 2].min()),
-        rng,
-        settings,
-    )
+    truth = toss(model, lambda q: float(corner_positions(model, q)[:, 2].min()), rng, settings)
     frames = tuple((origin, quat_exp(turn)) for origin, turn in FRAMES)
     exact = tuple(
         tuple(_seen_from(track, frame) for track in tracks)

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from tossid.objects import ObjectModel, object_from_mjcf
+from tossid.objects import GRAVITY, ObjectModel, object_from_mjcf
 from tossid.objects.roundness import Roundness, directions, disc
-from tossid.physics import make_system, simulate
-from tossid.physics.mujoco_engine import RIGID_DAMPING, RIGID_SOLIMP, quiet
+from tossid.physics.effects import World
 from tossid.rotations import quat_exp, quat_mul, quat_to_matrix
-from tossid.settings.synthesis import ShapeTossSettings
+from tossid.settings.synthesis import LcpEngine, MujocoEngine, ShapeTossSettings
+from tossid.synthesis.engines import ENGINES
 from tossid.types import PoseTrack
 
 Array = NDArray[np.float64]
@@ -115,8 +114,6 @@ NOISE, NOISE_RAD = 1.5e-4, 2e-3
 RATE_HZ = 148.0
 STILL, REST_FRAMES = 0.02, 10
 """Largest velocity of a body at rest [m/s, rad/s], and the frames at rest after which a toss ends."""
-LCP_SUBSTEPS, LCP_PARTS = 16, 8
-"""Steps of tossid's own engine a frame, and parts of a step with an impact: four times those of a learned model."""
 
 
 def toss_shape(name: str, settings: ShapeTossSettings | None = None) -> TossedShape:
@@ -126,7 +123,7 @@ def toss_shape(name: str, settings: ShapeTossSettings | None = None) -> TossedSh
     """
     settings = settings or ShapeTossSettings()
     points, geom = _shapes()[name]
-    mesh = "" if geom is not None else f'<mesh name="m" vertex="{_row(points.ravel())}"/>'
+    mesh = "" if geom is not None else f'<mesh name="m" inertia="exact" vertex="{_row(points.ravel())}"/>'
     geom = geom or 'type="mesh" mesh="m"'
     text = f"""<mujoco model="{name}">
   <asset>{mesh}</asset>
@@ -137,19 +134,10 @@ def toss_shape(name: str, settings: ShapeTossSettings | None = None) -> TossedSh
     </body>
   </worldbody>
 </mujoco>"""
-    model = scene_over_ground(text, settings)
     hull = points + FRAME_OFFSET
-    if mesh:  # MuJoCo turns a mesh into its principal axes: undo it for the truth
-        at = model.geom("hull").id
-        first, count = model.mesh_vertadr[0], model.mesh_vertnum[0]
-        vertices = np.asarray(model.mesh_vert[first : first + count], dtype=float)
-        hull = vertices @ quat_to_matrix(model.geom_quat[at]).T + model.geom_pos[at]
+    if mesh:
         hull = hull[ConvexHull(hull).vertices]
-    R = quat_to_matrix(model.body_iquat[1])
-    inertia = R @ np.diag(model.body_inertia[1]) @ R.T
-    rng = np.random.default_rng([settings.seed, SHAPES.index(name)])
     shape = object_from_mjcf(text, friction=settings.friction)
-    shape = shape.with_changes(com=np.array(model.body_ipos[1])[None], inertia=inertia[None])
     if name in ROUND:
         count = len(ROUND[name].radius)
         corners = np.tile(FRAME_OFFSET, (count, 1))
@@ -159,84 +147,33 @@ def toss_shape(name: str, settings: ShapeTossSettings | None = None) -> TossedSh
     def lowest(q: Array) -> float:
         return float((quat_to_matrix(q[3:7])[2] @ hull.T).min())
 
-    truth = toss(shape, model, lowest, rng, settings)
-    tracks = tuple(noisy(track, rng) for track in truth)
-    return TossedShape(name, tracks, truth, hull, shape)
-
-
-def scene_over_ground(text: str, settings: ShapeTossSettings) -> mujoco.MjModel:
-    """MuJoCo's model of an object over the ground with near rigid contact; bodies touch the ground, and not each other.
-
-    Args:
-        text: The object's MJCF.
-        settings: Time step and friction.
-    """
-    spec = mujoco.MjSpec.from_string(text)
-    for mesh in spec.meshes:
-        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_EXACT
-    spec.option.timestep, spec.option.cone, spec.option.impratio = settings.step, mujoco.mjtCone.mjCONE_ELLIPTIC, 10
-    law: dict[str, Any] = {"friction": [settings.friction, 0, 0], "condim": 3}
-    law |= {"solref": [2 * settings.step, RIGID_DAMPING], "solimp": list(RIGID_SOLIMP)}
-    for geom in spec.geoms:
-        geom.contype, geom.conaffinity = 1, 0
-        for key, value in law.items():
-            setattr(geom, key, value)
-    plane = mujoco.mjtGeom.mjGEOM_PLANE
-    spec.worldbody.add_geom(name="ground", type=plane, size=[0, 0, 1], contype=0, conaffinity=1, **law)
-    return spec.compile()
+    rng = np.random.default_rng([settings.seed, SHAPES.index(name)])
+    truth = toss(shape, lowest, rng, settings)
+    return TossedShape(name, tuple(noisy(track, rng) for track in truth), truth, hull, shape)
 
 
 def toss(
-    model: ObjectModel,
-    scene: mujoco.MjModel,
-    lowest: Callable[[Array], float],
-    rng: np.random.Generator,
-    settings: ShapeTossSettings,
+    model: ObjectModel, lowest: Callable[[Array], float], rng: np.random.Generator, settings: ShapeTossSettings
 ) -> tuple[PoseTrack, ...]:
-    """Tosses by MuJoCo or by tossid's own time stepping, without noise.
+    """Tosses from the air until the object has rested for a while, or to the longest time, without noise.
 
     Args:
         model: What is tossed.
-        scene: MuJoCo's model of it over the ground.
         lowest: Height of the object's lowest point [m] in a configuration (nq,) whose origin is at z = 0.
         rng: Draws the releases.
         settings: How many, and what engine.
     """
-    releases = []
-    for _ in range(settings.tosses):
+    q0, v0 = np.zeros((settings.tosses, model.nq)), np.zeros((settings.tosses, model.nv))
+    for q, v in zip(q0, v0, strict=True):
         quat = rng.normal(size=4)
-        place, joints = rng.uniform(-0.2, 0.2, 2), rng.uniform(-np.pi, np.pi, model.n_joints)
-        q = np.array([*place, 0.0, *(quat / np.linalg.norm(quat)), *joints])
+        q[:2], q[3:7] = rng.uniform(-0.2, 0.2, 2), quat / np.linalg.norm(quat)
+        q[7:] = rng.uniform(-np.pi, np.pi, model.n_joints)
         q[2] = HEIGHT - lowest(q)
-        across, up = rng.uniform(-SPEED, SPEED, 2), rng.uniform(0, 1)
-        releases.append((q, np.array([*across, up, *(SPIN * rng.normal(size=3 + model.n_joints))])))
-    if settings.engine == "lcp":
-        return _by_lcp(model, releases, settings)
-    return tuple(_by_mujoco(scene, q, v, f"{i:03d}", settings) for i, (q, v) in enumerate(releases))
-
-
-def _by_mujoco(model: mujoco.MjModel, q0: Array, v0: Array, name: str, settings: ShapeTossSettings) -> PoseTrack:
-    """A toss from the air to rest, or to the longest time."""
-    data = mujoco.MjData(model)
-    data.qpos[:], data.qvel[:] = q0, v0
-    per_frame, q, still = 1 / RATE_HZ, [data.qpos.copy()], 0
-    steps = round(per_frame / model.opt.timestep)
-    with quiet():
-        while len(q) < settings.frames and still < REST_FRAMES:
-            mujoco.mj_step(model, data, steps)
-            q.append(data.qpos.copy())
-            still = still + 1 if np.abs(data.qvel).max() < STILL else 0
-    return PoseTrack(name, np.arange(len(q)) * steps * model.opt.timestep, np.array(q))
-
-
-def _by_lcp(
-    model: ObjectModel, releases: list[tuple[Array, Array]], settings: ShapeTossSettings
-) -> tuple[PoseTrack, ...]:
-    """The same tosses by tossid's own time stepping, whose contact is rigid and whose friction is Coulomb's."""
-    q0, v0 = (np.array(part) for part in zip(*releases, strict=True))
-    system = make_system(model)
-    dt, n = round(1 / RATE_HZ / settings.step) * settings.step, settings.frames - 1  # as of MuJoCo's frames
-    run = simulate(system, q0, v0, n_steps=n, dt=dt, substeps=LCP_SUBSTEPS, impact_parts=LCP_PARTS)
+        v[:2], v[2], v[3:] = rng.uniform(-SPEED, SPEED, 2), rng.uniform(0, 1), SPIN * rng.normal(size=model.nv - 3)
+    substeps = round(1 / RATE_HZ / settings.step)
+    engine = LcpEngine(substeps=16) if settings.engine == "lcp" else MujocoEngine(substeps=substeps)
+    world, dt, n_steps = World(model, gravity=GRAVITY), substeps * settings.step, settings.frames - 1
+    run = ENGINES[engine.name].simulate(engine, world, q0, v0, n_steps=n_steps, dt=dt)
     tracks = []
     for i, (q, v) in enumerate(zip(run.q, run.v, strict=True)):
         moving = np.flatnonzero(np.abs(v).max(axis=1) >= STILL)
