@@ -130,26 +130,6 @@ def make_tosses(
     """
     world = world_of(settings, model)
     q0, v0 = draw_releases(world.object, settings.release, settings.tosses, gravity=world.gravity, rng=rng)
-    return tosses_from(q0, v0, settings, model)
-
-
-def tosses_from(q0: Array, v0: Array, settings: SynthesizeSettings, model: ObjectModel) -> tuple[tuple[Toss, ...], int]:
-    """Tosses from given releases, as `make_tosses` makes them.
-
-    Args:
-        q0: (n, nq) poses at which they begin.
-        v0: (n, nv) velocities.
-        settings: World and engine.
-        model: What is tossed.
-
-    Returns:
-        The tosses, and in how many time steps the contact problem missed its tolerance.
-
-    Raises:
-        ConfigError: The engine or the library does not have an effect.
-        DivergedError: A motion became non-finite.
-    """
-    world = world_of(settings, model)
     n_steps = max(2, round(settings.seconds * settings.rate_hz))
     dt = 1.0 / (settings.rate_hz * world.recording.clock_rate)
     simulate = partial(ENGINES[settings.engine.name].simulate, settings.engine, world)

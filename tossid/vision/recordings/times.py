@@ -79,17 +79,10 @@ class TimesFile:
         return self.t_ns
 
 
-def time_of(text: str, unit: str | None = None) -> int | None:
-    """A time stamp as text, as nanoseconds; None if it is none.
-
-    Args:
-        text: A number, with a decimal point or comma.
-        unit: One of `UNITS`; None: seconds, or whole nanoseconds.
-    """
+def time_of(text: str) -> int | None:
+    """A time stamp [ns] from its text, a number of seconds or whole nanoseconds; None if it is none."""
     value = _number(text)
-    if value is None:
-        return None
-    return round(value * UNITS[unit or _usual_unit(value)])
+    return None if value is None else round(value * UNITS[_usual_unit(value)])
 
 
 def _number(text: str) -> Decimal | None:

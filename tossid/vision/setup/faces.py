@@ -19,6 +19,8 @@ TAG_CELLS = 8
 """Cells across a 36h11 tag, black border included."""
 TAG_FILL = 0.08 / 0.1048
 """Black border edge over face width of the cube of the real recordings."""
+FLAT = 2e-3
+"""Distance of a tag's corners from the face that it lies on [m]."""
 FAMILY_SIZE = 587
 """Number of codes in 36h11."""
 
@@ -124,16 +126,16 @@ def tag_bitmap(tag_id: int) -> NDArray[np.uint8]:
     return np.ascontiguousarray(np.rot90(picture, 2) > 127).astype(np.uint8)
 
 
-def face_of_tag(tag: Tag, faces: tuple[Face, ...], *, tolerance: float = 2e-3) -> int:
+def face_of_tag(tag: Tag, faces: tuple[Face, ...]) -> int:
     """Index of the face that a tag lies on.
 
     Raises:
-        ObjectError: no face of its body is within `tolerance` [m] of all its corners.
+        ObjectError: no face of its body is within `FLAT` of all its corners.
     """
     corners = tag_corners(tag)
     for index, face in enumerate(faces):
         if face.body != tag.body or tag.T_body_tag[:3, 2] @ face.normal < 0.99:
             continue
-        if np.abs((corners - face.center) @ face.normal).max() < tolerance:
+        if np.abs((corners - face.center) @ face.normal).max() < FLAT:
             return index
     raise ObjectError(f"tag {tag.id} lies on no flat face of body {tag.body}, so it cannot be drawn")
