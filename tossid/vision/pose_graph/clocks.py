@@ -57,8 +57,12 @@ EVIDENCE = 1.0
 """Least evidence for an offset [s]: a motion that is known to a tenth of its extent has 4.6 in each second."""
 UNEXPLAINED = 0.3
 """Largest share of the motion's variance that the rigid transform may leave."""
+MISFIT_SHARE = 0.8
+"""An offset that nobody may have noticed must bring the misfit below this share of that without it."""
 PEAK_RATIO = 2.0
 """Evidence over that for any other offset, from which an offset is taken."""
+PEAK_REACH, PEAK_COUNT = 0.25, 0.8
+"""The least misfit of a peak is looked for so far from its largest evidence [s], at no fewer frames than this share."""
 PEAK_EDGE = 1 / 3
 """Of an offset's log(spread / misfit), the share at which its peak ends."""
 
@@ -255,13 +259,15 @@ def _compared(a: _Grid, b: _Grid) -> tuple[float | None, str]:
 
     Where several offsets explain what both see, an unnoticed one is taken, and zero if it is among these.
     """
-    offset, evidence, misfit, spread = _evidence(a, b)
+    offset, count, misfit, spread = _overlaps(a, b)
+    sharpness = _sharpness(misfit, spread)
+    evidence = STEP * count * np.where(count > 0, sharpness, 0.0)
     near = np.flatnonzero((np.abs(offset) <= REACH) & np.isfinite(misfit))
+    too_little = "it and {} see too little motion in common"
     if evidence.max() < EVIDENCE:
         is_still = len(near) > 0 and max(misfit[near].max(), spread[near].max()) < 10 * FLOOR**2
-        return (0.0, "") if is_still else (None, "it and {} see too little motion in common")
+        return (0.0, "") if is_still else (None, too_little)
     best = int(np.argmax(evidence))
-    sharpness = _sharpness(misfit, spread)
     outside = np.flatnonzero(sharpness < PEAK_EDGE * sharpness[best])
     at = np.searchsorted(outside, best)
     edges = outside[[at - 1, at]] if 0 < at < len(outside) else np.array([0, len(offset) - 1])
@@ -270,25 +276,34 @@ def _compared(a: _Grid, b: _Grid) -> tuple[float | None, str]:
     second = int(np.argmax(rival))
     explains = misfit < UNEXPLAINED * spread
     has_edges = np.isfinite(misfit[edges]).all()  # an even turn has none
-    if explains[best] and evidence[best] > PEAK_RATIO * rival[second] and has_edges:
-        return float(offset[best]), ""
-    likely = near[(explains & (PEAK_RATIO * evidence >= evidence[best]))[near]]
-    if len(likely):
-        is_zero = np.abs(offset[likely]).min() <= STEP
-        return 0.0 if is_zero else float(offset[likely[np.argmax(evidence[likely])]]), ""
-    if not explains[best]:
-        return None, "what it and {} see moves alike at no offset"
-    if not has_edges:
-        return None, "it and {} see too little motion in common"
-    return None, f"what it and {{}} see moves alike at offsets of {offset[best]:.2f} s and {offset[second]:.2f} s"
+    if not (explains[best] and evidence[best] > PEAK_RATIO * rival[second] and has_edges):
+        likely = near[(explains & (PEAK_RATIO * evidence >= evidence[best]))[near]]
+        if not len(likely):
+            if not explains[best]:
+                return None, "what it and {} see moves alike at no offset"
+            offsets = f"{offset[best]:.2f} s and {offset[second]:.2f} s"
+            return None, f"what it and {{}} see moves alike at offsets of {offsets}" if has_edges else too_little
+        if np.abs(offset[likely]).min() <= STEP:
+            return 0.0, ""
+        best = int(likely[np.argmax(evidence[likely])])
+    # the evidence leans to a longer overlap, the misfit does not
+    peak = np.flatnonzero((np.abs(offset - offset[best]) <= PEAK_REACH) & (count >= PEAK_COUNT * count[best]))
+    best = int(peak[np.argmin(misfit[peak])])
+    least, where = _least(misfit, best)
+    if abs(offset[best]) <= REACH:
+        here = int(np.argmin(np.abs(offset)))
+        if least > MISFIT_SHARE * _parabola(misfit, here, -offset[here] / STEP):
+            return 0.0, ""
+    return float(offset[best] + STEP * where), ""
 
 
-def _evidence(a: _Grid, b: _Grid) -> tuple[Array, Array, Array, Array]:
-    """For each offset of b's clock, (k,) [s] in order: evidence for it [s], misfit (else infinite), and spread.
+def _overlaps(a: _Grid, b: _Grid) -> tuple[Array, Array, Array, Array]:
+    """For each offset of b's clock, (k,) [s] in order: frames that both have, misfit (else infinite), and spread.
 
     A body counts as points on either side of its origin along its axes. The misfit is the mean square distance between
     both cameras' points after the best rigid transform, the spread that between points and their means over time, both
-    over the squared distance from the cameras. The evidence is the time of overlap times log(spread / misfit).
+    over the squared distance from the cameras. The evidence for an offset is the time of overlap times
+    log(spread / misfit).
     """
     n = fft.next_fast_len(a.length + b.length, real=True)
     distance = 0.5 * (a.distance + b.distance)
@@ -320,13 +335,12 @@ def _evidence(a: _Grid, b: _Grid) -> tuple[Array, Array, Array, Array]:
     s[:, 2] *= np.sign(np.linalg.det(u @ vt))
     own = (totals[:, 3] - (totals[:, :3] ** 2).sum(axis=1) / count).sum(axis=0) + 2 * arm**2 * count
     lag = np.where(enough < b.length, enough, enough - n)
-    misfit, evidence = np.full(a.length + b.length, np.inf), np.zeros(a.length + b.length)
-    spread = np.zeros(a.length + b.length)
-    at = a.length + lag
+    frames, misfit = np.zeros(a.length + b.length), np.full(a.length + b.length, np.inf)
+    spread, at = np.zeros(a.length + b.length), a.length + lag
+    frames[at] = count
     misfit[at] = np.maximum(own - 2 * s.sum(axis=1), 0.0) / (count * distance**2)
     spread[at] = np.maximum(spreads.max(axis=0)[enough], 0.0) / (count * distance**2)
-    evidence[at] = STEP * count * _sharpness(misfit[at], spread[at])
-    return b.t - a.t + STEP * (np.arange(-a.length, b.length) + _between_steps(misfit)), evidence, misfit, spread
+    return b.t - a.t + STEP * np.arange(-a.length, b.length), frames, misfit, spread
 
 
 def _sharpness(misfit: Array, spread: Array) -> Array:
@@ -341,11 +355,17 @@ def _transformed(T: Array, good: Bools, middle: Array, n: int) -> dict[str, Arra
     return {name: fft.rfft(value, n) for name, value in values.items()}
 
 
-def _between_steps(misfit: Array) -> Array:
-    """Where a parabola through each misfit and its two neighbours is least, in steps; 0 where it is not."""
-    out = np.zeros(len(misfit))
-    with np.errstate(invalid="ignore"):
-        slope, bend = misfit[2:] - misfit[:-2], misfit[2:] - 2 * misfit[1:-1] + misfit[:-2]
-    inner = np.isfinite(bend) & (bend > 0)
-    out[1:-1][inner] = np.clip(-0.5 * slope[inner] / bend[inner], -0.5, 0.5)
-    return out
+def _parabola(misfit: Array, k: int, x: float) -> float:
+    """The misfit x steps beside offset k, by the parabola through its two neighbours; infinite where it has none."""
+    if not 0 < k < len(misfit) - 1:
+        return float("inf")
+    before, here, after = misfit[k - 1 : k + 2]
+    return float(here + 0.5 * (after - before) * x + 0.5 * (after - 2 * here + before) * x**2)
+
+
+def _least(misfit: Array, k: int) -> tuple[float, float]:
+    """The least misfit near offset k, by the same parabola, and how many steps beside it that is."""
+    before, here, after = misfit[max(k - 1, 0)], misfit[k], misfit[min(k + 1, len(misfit) - 1)]
+    bend = after - 2 * here + before
+    x = float(np.clip(0.5 * (before - after) / bend, -0.5, 0.5)) if np.isfinite(bend) and bend > 0 else 0.0
+    return (_parabola(misfit, k, x) if x else float(here)), x
