@@ -152,7 +152,8 @@ class Camera:
             pixels, J = cv2.projectPoints(safe, still, still, self.matrix, np.array(self._radtan))
             by_point = J[:, 3:6]
         pixels[~seen], by_point[np.repeat(~seen, 2)] = np.nan, np.nan
-        return pixels.reshape(*points.shape[:-1], 2), by_point.reshape(*points.shape[:-1], 2, 3)
+        shape = points.shape[:-1]
+        return np.asarray(pixels, dtype=float).reshape(*shape, 2), np.asarray(by_point, float).reshape(*shape, 2, 3)
 
     def project(self, points_world: ArrayLike) -> Array:
         """World points [m] (*b, n, 3) to pixels (*b, n, 2); NaN where not in front of the lens."""

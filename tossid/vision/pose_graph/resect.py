@@ -111,7 +111,7 @@ class Resection:
         return chi2_scale(self.cost[self.known, 0], 8.0 * self.count[self.known] - 6)
 
 
-def chi2_scale(square: Array, freedom: Array) -> float:
+def chi2_scale(square: NDArray[np.number], freedom: NDArray[np.number]) -> float:
     """The root of the median over groups of χ² by its degrees of freedom; robust where single groups are wrong.
 
     Args:

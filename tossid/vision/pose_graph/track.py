@@ -100,7 +100,7 @@ def track_in_time(
         free = np.array([camera.name in late for camera in cameras])
         solved = solve_scene(scene, free, settings=settings)
         rest, sigma = solved.solution.clock, solved.solution.clock_sigma
-        found = {cameras[c].name: (late[cameras[c].name] + rest[c], sigma[c]) for c in np.flatnonzero(free)}
+        found = {cameras[c].name: (late[cameras[c].name] + rest[c], sigma[c]) for c in map(int, np.flatnonzero(free))}
         # an offset that the graph does not confirm is taken as zero, and the scene solved again
         sure = {one: abs(offset) > max(SAME, SIGMAS * sd) for one, (offset, sd) in found.items()}
         zero = {one for one, (_, sd) in found.items() if not sure[one] and sd < CLOCK_SIGMA / 2}
