@@ -50,24 +50,18 @@ def find_copies(tracks: Sequence[PoseTrack | Toss]) -> tuple[Copy, ...]:
     Returns:
         Each later toss with the first that it equals, in the order of the tosses.
     """
-    # copies have as many frames and the same range of heights: only neighbours in this order are compared
-    shape = sorted((len(t.t), float(np.ptp(t.q[:, 2])), i) for i, t in enumerate(tracks))
-    of: dict[int, tuple[int, float]] = {}
-    for a, (frames, height, i) in enumerate(shape):
-        for other, higher, j in shape[a + 1 :]:
-            if other != frames or higher - height > SAME_PLACE:
-                break
-            first, second = min(i, j), max(i, j)
-            yaw = None if second in of else _yaw_between(tracks[first], tracks[second])
-            if yaw is not None:
-                of[second] = (first, yaw)
+    # copies have as many frames and the same range of heights, to within the width of a bin
+    originals: dict[tuple[int, int], list[int]] = {}
     out = []
-    for second in sorted(of):
-        first, yaw = of[second]
-        while first in of:  # a copy of a copy
-            first, more = of[first]
-            yaw += more
-        out.append(Copy(tracks[first].name, tracks[second].name, float(np.angle(np.exp(1j * yaw)))))
+    for i, track in enumerate(tracks):
+        frames, at = len(track.t), round(float(np.ptp(track.q[:, 2])) / SAME_PLACE)
+        for j in (j for near in (at - 1, at, at + 1) for j in originals.get((frames, near), ())):
+            yaw = _yaw_between(tracks[j], track)
+            if yaw is not None:
+                out.append(Copy(tracks[j].name, track.name, yaw))
+                break
+        else:
+            originals.setdefault((frames, at), []).append(i)
     return tuple(out)
 
 
