@@ -47,7 +47,7 @@ class Console:
         if self._rich is None:
             from rich.console import Console as RichConsole
 
-            width = None if self.is_terminal else 110
+            width = None if self.is_terminal else _WIDE
             self._rich = RichConsole(file=sys.stderr, width=width, highlight=False, soft_wrap=True)
         return self._rich
 
@@ -66,19 +66,21 @@ class Console:
             return
         from rich import box
         from rich.table import Table
+        from rich.text import Text
 
         rows = [list(row) for row in rows]
-        table = Table(title=title or None, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
+        # (a plain string would be read as markup: "[deg]" as a style)
+        table = Table(
+            title=Text(title) if title else None, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD
+        )
         for i, column in enumerate(columns):
             numeric = any(isinstance(row[i], (int, float)) for row in rows)
             words = [word for row in rows for word in _cell(row[i]).split()] if i == 0 else []
             longest = min(_LONGEST_WORD, max(map(len, (*words, *column.split())), default=0))  # names stay whole
-            table.add_column(column, justify="right" if numeric else "left", overflow="fold", min_width=longest)
-        from rich.text import Text
-
+            table.add_column(Text(column), justify="right" if numeric else "left", overflow="fold", min_width=longest)
         for row in rows:
             table.add_row(*(Text(redacted(_cell(value))) for value in row))
-        self.rich.print(table, soft_wrap=False, crop=False, width=None if self.is_terminal else _WIDE)
+        self.rich.print(table, soft_wrap=False, crop=False)
 
     def facts(self, facts: Mapping[str, object], *, title: str = "") -> None:
         """Names and values, one a line."""

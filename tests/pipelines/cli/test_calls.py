@@ -248,9 +248,9 @@ def test_a_table_is_whole_and_its_names_are_not_wrapped(capfd: pytest.CaptureFix
     rows = [
         [f"a_long_name_of_row_{k}", -3.6e-15, 0.5, "many words one after another", "0123456789" * 6] for k in (0, 1)
     ]
-    Console().table(head, rows)
+    Console().table([*head[:-1], "tilt [deg]"], rows, title="tosses [a/b]")
     said = capfd.readouterr().err
-    for name in (*head, rows[0][0], rows[1][0]):
+    for name in (*head[:-1], "tilt [deg]", "tosses [a/b]", rows[0][0], rows[1][0]):
         assert name in said
     assert said.count("9") == 12
     assert "e-15" not in said
