@@ -58,6 +58,15 @@ def test_what_many_stages_kept_is_whole_below_the_curves() -> None:
     assert_legible(figure)
 
 
+def test_names_of_short_last_stages_stay_in_the_axes() -> None:
+    one = history()[0]
+    records = [replace(one, stage="contact")] * 20 + [
+        replace(one, stage="rollout-20"),
+        replace(one, stage="rollout-90"),
+    ]
+    assert_legible(training_curves(records))
+
+
 @pytest.mark.parametrize("n", [1, 2])
 def test_training_curves_of_a_short_fit(n: int) -> None:
     assert_legible(training_curves(history()[:n]))

@@ -42,6 +42,10 @@ DECADES = 7.0
 """Parts smaller than this many decades under the largest are drawn at the panel's foot, not to scale."""
 
 
+LATE = 0.85
+"""Share of the epochs from which on a stage that begins has no room for its name on its right."""
+
+
 @styled
 def training_curves(history: Sequence[EpochRecord], *, title: str = "Training") -> Figure:
     """Loss on training and validation tosses, and the training loss's parts, over epochs.
@@ -104,7 +108,9 @@ def training_curves(history: Sequence[EpochRecord], *, title: str = "Training") 
                 ax.axvline(first + 0.5, color=RULE, lw=0.8, zorder=1)
             if ax is upper and len(stages) > 1:
                 form: dict[str, Any] = {"transform": ax.get_xaxis_transform(), "va": "top", "style": "italic"}
-                halo(ax.text(first + 0.5, 0.985 - 0.085 * (i % 2), f" {name}", **form)).set_color(MUTED)
+                late = first > LATE * len(history)  # its name goes to the left of the axes' end
+                x, side = (len(history) + 0.5, "right") if late else (first + 0.5, "left")
+                halo(ax.text(x, 0.985 - 0.085 * (i % 2), f" {name} ", ha=side, **form)).set_color(MUTED)
     label_ends(upper, [(epoch[-1], train[-1], "training", INK), (epoch[-1], validation[-1], "validation", blue)])
     lasts = {name: values[np.isfinite(values)][-1] for name, values in curves.items()}
     label_ends(
