@@ -107,13 +107,6 @@ def test_a_study(beside: Path, answer: Any, counted: list[str]) -> None:
     assert {k: v for k, v in again.items() if k != "seconds"} == {k: v for k, v in report.items() if k != "seconds"}
     assert len(find_runs(parent=parent.id)) == 4
 
-    # another study takes over the cells that it shares
-    more = [key.replace("[4.905,9.81]", "[4.905,9.81,19.62]") for key in HERE]
-    longer = answer("evaluate", "--sweep", "gravity", *more)
-    assert counted == ["cn", "cnrp"]
-    assert longer["run"] != report["run"]
-    assert longer["cells"][0]["position_error_pct"] == cell["position_error_pct"]
-
 
 def test_cells_that_a_killed_command_had_logged_are_not_logged_twice(beside: Path, answer: Any) -> None:
     small = ["sweep.models=[cn]", "sweep.values=[4.905,9.81]", "sweep.train=['epochs=1']", "data=tosses"]
