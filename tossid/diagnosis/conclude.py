@@ -192,7 +192,8 @@ def _concluded(recorded: Problem, first: Evidence, undone: Undone, engine: Engin
     unseen = None
     if problem.unseen:  # which decide nothing
         held = np.arange(len(problem.unseen))
-        fold = judged_by(held, problem.windows_of(problem.unseen, tosses), problem.search(), found)
+        others = Sample(problem.windows_of(problem.unseen, tosses), len(held), threads)
+        fold = judged_by(held, others, problem.stated, found)
         unseen = Unseen(len(held), closed_share([fold], floor.deviance), whole([fold], problem.unseen))
     runs = rolled_out(tosses, h.world(), sample.windows, n_threads=threads)
     made = measured_again(tosses, runs, draws=WITNESS_DRAWS, seed=seed)
@@ -232,7 +233,7 @@ def _folds(problem: Problem, found: Found, count: int) -> tuple[Fold, ...]:
     """The folds that judge a search; all tosses as one that judges nothing, if there are none."""
     n, threads = len(problem.tosses), problem.n_threads
     if not count:
-        return (with_each_left_out(judged_by(np.arange(n), problem.sample.windows, problem.search(), found)),)
+        return (with_each_left_out(judged_by(np.arange(n), problem.sample, problem.stated, found)),)
     inside = max(1, threads // count)
 
     def tosses(numbers: Index) -> list[Toss]:
@@ -272,7 +273,7 @@ def known_so_far(under_way: UnderWay) -> Diagnosis:
     felt, n = felt_of_each(h, tosses, sample), {"n_tosses": float(len(tosses))}
     findings = []
     for effect in h.effects:
-        known = present is not None and present.own(effect.name)
+        known = present is not None and present.columns_of(effect.name)
         values = present.intervals(effect.name) if present is not None and known else {}
         one = Finding.of(effect, "candidate", stated.world(), n, parameters=values, felt=felt[effect.name])
         findings.append(one)

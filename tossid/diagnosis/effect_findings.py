@@ -176,7 +176,7 @@ def alternatives(found: Found) -> tuple[Hypothesis, ...]:
         found: By a search.
     """
     return tuple(
-        found.hypothesis.instead(name, rival.effect, rival.fit.hypothesis.values_of(rival.effect.name))
+        found.hypothesis.with_replaced(name, rival.effect, rival.fit.hypothesis.values_of(rival.effect.name))
         for name in found.hypothesis.names
         for rival in found.alike(name)
     )

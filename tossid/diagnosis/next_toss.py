@@ -173,7 +173,7 @@ def separations(
     windows = make_windows(
         predicted, stated, settings=w.settings, flights=False, scatter=rest_scatter(tosses, stated)
     )  # fmt: skip
-    evidence, seen = (collect(each, rivals[0], n_threads=threads) for each in (windows, w))
+    evidence, seen = collect(windows, rivals[0], n_threads=threads), sample.evidence(rivals[0])
     sides, common = [], set.intersection(*(set(rival.names) for rival in rivals))
     for rival in rivals:
         own = [k for k, name in enumerate(rival.owners) if name not in common]  # what all have is taken as known

@@ -127,7 +127,7 @@ def _p_value(found: Found, problem: Problem) -> float:
     effects = list[list[Where]]()
     for each in last.values():
         columns, active, before = each.screening.columns, each.screening.active, each.before
-        own = (np.asarray(before.own(name), dtype=int) for name in before.hypothesis.names)
+        own = (np.asarray(before.columns_of(name), dtype=int) for name in before.hypothesis.names)
         effects += [[(columns, np.setdiff1d(active, one), one)] for one in own if len(one)]
         candidates = (c for c in each.screening.candidates if c.effect is not None)
         effects += [[(columns, active, start.columns) for start in c.starts] for c in candidates]

@@ -8,7 +8,17 @@ import pytest
 from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.inference.conftest import FRICTION
 from tests.diagnosis.tossed import seen, with_effect
-from tossid.diagnosis.inference.final_values import DEGREES, FINER, NEAR, SHIFTS, final_values, finely, root_of
+from tossid.diagnosis.inference.columns import sums
+from tossid.diagnosis.inference.final_values import (
+    DEGREES,
+    FINER,
+    NEAR,
+    SHIFTS,
+    final_values,
+    root_of,
+    with_finer_steps,
+)
+from tossid.diagnosis.inference.fitting import fit
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.problem import Problem
 from tossid.objects import ObjectModel
@@ -42,18 +52,18 @@ def test_final_values_are_at_a_root_and_have_the_variance_over_shifts(cube: Obje
 def test_a_root_is_found_from_off_it(cube: ObjectModel) -> None:
     problem = problem_with(cube, "friction", [FRICTION])
     off = problem.stated.plus(EFFECTS["friction"], np.array([FRICTION + 0.003]))
-    start = problem.sample.fixed(problem.sample.evidence(off))
-    free = problem.sample.settled(start)
-    root = root_of(free)
-    error = np.sqrt(np.diag(root.columns.covariance()))
-    assert abs(root.columns.step() / error)[0] < 3 * NEAR
+    evidence = problem.sample.evidence(off)
+    root, J = root_of(fit(evidence, off, n=len(problem.tosses), iterations=0), evidence)
+    columns = sums(root, J, len(problem.tosses))
+    error = np.sqrt(np.diag(columns.covariance()))
+    assert abs(columns.step() / error)[0] < 3 * NEAR
     assert abs(root.hypothesis.flat()[0] - FRICTION) < 0.5 * abs(off.flat()[0] - FRICTION)
 
 
 def test_shorter_time_steps_change_predictions_by_less_than_noise(cube: ObjectModel) -> None:
     problem = problem_with(cube, "friction", [FRICTION])
     coarse = problem.sample.evidence(problem.stated.plus(EFFECTS["friction"], np.array([FRICTION])))
-    fine = finely(coarse)
+    fine = with_finer_steps(coarse)
     apart = np.abs(fine.raw - coarse.raw).max((1, 2))
     assert apart.max() > 1e-6
     assert np.median(apart) < 1.5e-4  # of the poses' noise, in metres and radians

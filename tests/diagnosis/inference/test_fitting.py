@@ -30,4 +30,4 @@ def test_what_is_held_keeps_its_value(slippery: Sample, stated: Hypothesis) -> N
     made = fit(slippery.evidence(stated), h, n=slippery.n, iterations=3, held=frozenset({"gravity"}), follow=1)
     assert made.hypothesis.values_of("gravity").tolist() == [9.7]
     assert made.hypothesis.values_of("friction")[0] > 0.22
-    assert made.own("friction") == [0]
+    assert made.columns_of("friction") == [0]

@@ -14,7 +14,7 @@ def test_effects_join_leave_and_change_places(stated: Hypothesis) -> None:
     assert two.world().gravity == 9.7
     assert two.world().object.friction == 0.3
     assert two.without("gravity").world().gravity == stated.base.gravity
-    other = two.instead("gravity", EFFECTS["time_base"], np.array([1.01]))
+    other = two.with_replaced("gravity", EFFECTS["time_base"], np.array([1.01]))
     assert other.names == ("time_base", "friction")
     assert other.world().recording.clock_rate == 1.01
 

@@ -30,7 +30,7 @@ def beside_nothing(cube: ObjectModel, tosses: list[Toss], stated: Hypothesis) ->
     sample = Sample(windows_within(tosses, cube, (0, len(tosses))), len(tosses))
     first = sample.evidence(stated)
     screening = screen(first, LIBRARY, n=sample.n, rng=np.random.default_rng(0))
-    return sample.fixed(first), screening
+    return sample.evaluated(first), screening
 
 
 @pytest.fixture(scope="module")

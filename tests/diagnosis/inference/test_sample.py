@@ -8,7 +8,7 @@ import pytest
 from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.inference.conftest import FRICTION
 from tossid.diagnosis.inference.hypothesis import Hypothesis
-from tossid.diagnosis.inference.sample import Sample, closes, noise_of
+from tossid.diagnosis.inference.sample import Sample, noise_of, reduces_deviance
 
 
 def test_an_effect_is_needed_where_it_is_there_and_not_where_it_is_not(slippery: Sample, stated: Hypothesis) -> None:
@@ -18,8 +18,8 @@ def test_an_effect_is_needed_where_it_is_there_and_not_where_it_is_not(slippery:
     assert slippery.gains(made, there).sum() > 100
     assert slippery.gains(made, not_there).sum() < 3
     first = slippery.evidence(stated)
-    assert closes(made.evidence, there.evidence, first)
-    assert not closes(made.evidence, not_there.evidence, first)
+    assert reduces_deviance(made.evidence, there.evidence, first)
+    assert not reduces_deviance(made.evidence, not_there.evidence, first)
 
 
 def test_the_standard_error_of_a_sum() -> None:

@@ -34,9 +34,9 @@ def test_another_law_of_contact_is_a_candidate(slippery: Sample, stated: Hypothe
 
 def test_effects_are_chosen_together_beside_those_that_are_there(slippery: Sample, stated: Hypothesis) -> None:
     """Also where a special case of one makes room for it."""
-    made = slippery.fixed(slippery.evidence(stated.plus(EFFECTS["gravity"], np.array([9.7]))))
+    made = slippery.evaluated(slippery.evidence(stated.plus(EFFECTS["gravity"], np.array([9.7]))))
     h = made.hypothesis.plus(EFFECTS["friction"])
-    near = made.evidence.near(h)
+    near = made.evidence.relinearised(h)
     others = [EFFECTS[name] for name in ("gravity", "anisotropic_friction", "restitution")]
     found = screen(near, others, n=slippery.n, free=(1,), rng=np.random.default_rng(0))
     chosen = found.together(3, -1e9)
@@ -51,7 +51,9 @@ def test_what_could_take_an_effects_place_is_found_in_closed_form(slippery: Samp
     made = slippery.refitted(slippery.evidence(stated), h, iterations=6, follow=1)
     others = [EFFECTS[name] for name in ("gravity", "anisotropic_friction")]
     found = screen(made.evidence, others, n=slippery.n, free=made.free, rng=np.random.default_rng(0))
-    shares = {c.name: share for share, c in found.instead(made.own("friction"), made.away("friction"))}
+    shares = {
+        c.name: share for share, c in found.replacements(made.columns_of("friction"), made.from_nominal("friction"))
+    }
     assert shares["anisotropic_friction"] > 0.8
     assert shares["gravity"] < 0.1
 

@@ -38,11 +38,11 @@ def test_cuts_follow_each_other_to_the_end(cube: ObjectModel, missing: tuple[int
     toss = Toss(toss.name, *(each[there] for each in (toss.t, toss.q, toss.v, toss.q_cov, toss.v_cov, toss.phase)))
     clock = FrameClock.of(toss, dt, CUT.most_missing + 1, CUT.time_step_tolerance)
     assert (clock.tick[-1], len(clock.breaks)) == (100, 0)
-    cuts = cut_consecutively(toss, clock, CUT.length, CUT.long, 0, CUT)
+    cuts = cut_consecutively(toss, clock, 0, CUT)
     assert [first for first, _ in cuts[1:]] == [last for _, last in cuts[:-1]]
     assert cuts[0][0] == 0
     assert clock.tick[-1] - clock.tick[cuts[-1][1]] < CUT.length // 2
-    flight = cut_flights(toss, clock, cube, CUT.long, CUT)
+    flight = cut_flights(toss, clock, cube, CUT)
     assert flight[0][0] == 0
     assert max(clock.tick[last] - clock.tick[first] for first, last in flight) <= CUT.long
 
@@ -54,7 +54,7 @@ def test_flights_after_a_bounce_are_windows_that_hold_no_contact(cube: ObjectMod
     later = 0
     for toss in tosses:
         clock = FrameClock.of(toss, dt, CUT.most_missing + 1, CUT.time_step_tolerance)
-        for first, last in cut_flights(toss, clock, cube, CUT.long, CUT):
+        for first, last in cut_flights(toss, clock, cube, CUT):
             # gravity alone: the mean of a flight's accelerations is the fall's
             fallen = np.polyfit(toss.t[first : last + 1] - toss.t[first], toss.q[first : last + 1, 2], 2)[0]
             assert fallen == pytest.approx(-0.5 * GRAVITY, abs=0.4)
@@ -71,4 +71,4 @@ def test_a_flight_ends_where_the_velocity_jumps(cube: ObjectModel) -> None:
     kicked[10:, 0] += 3.0 * (toss.t[10:] - toss.t[9])
     toss = replace(toss, q=kicked)
     clock = FrameClock.of(toss, dt, CUT.most_missing + 1, CUT.time_step_tolerance)
-    assert cut_flights(toss, clock, cube, CUT.long, CUT)[0][1] <= 10
+    assert cut_flights(toss, clock, cube, CUT)[0][1] <= 10

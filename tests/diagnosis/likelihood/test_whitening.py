@@ -14,6 +14,7 @@ from tossid.diagnosis.likelihood.whitening import first_frames, linearise, relin
 from tossid.diagnosis.likelihood.windows import Windows, make_windows
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Forces, RecordingErrors, World
+from tossid.settings.diagnosis.likelihood import LikelihoodSettings, WindowSettings
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +81,8 @@ def test_poses_with_zero_covariance_are_whitened(cube: ObjectModel) -> None:
     """Simulated tosses without noise have no covariance."""
     tosses = [replace(toss, q_cov=np.zeros_like(toss.q_cov)) for toss in seen(World(cube), cube, 6, seed=1)]
     for length in (5, 40):
-        _, whitening, residuals = linearise(make_windows(tosses, cube, length=length), World(cube))
+        settings = LikelihoodSettings(windows=WindowSettings(length=length))
+        _, whitening, residuals = linearise(make_windows(tosses, cube, settings=settings), World(cube))
         assert np.isfinite(whitening(residuals)).all()
 
 

@@ -198,7 +198,7 @@ def drawn(found: Found, rng: np.random.Generator, wider: float = 1.0) -> Hypothe
             continue
         moved = rng.multivariate_normal(np.zeros(len(fitted.free)), fitted.columns.covariance(), method="eigh")
         for name in fitted.hypothesis.names:
-            own = fitted.own(name)
+            own = fitted.columns_of(name)
             if own and found.fit_of(name) is fitted:
                 place = h.place_of(name)
                 flat[place] += wider * moved[own] * h.steps[place]

@@ -10,19 +10,19 @@ chaotic impact must not decide:
 
 where s >= 1 is the robust size of whitened residuals in the row's phase of motion.
 
-`collect` is the full procedure, and everything that is reported or compared at the end comes from it. `Evidence.near`
-follows a small change of the hypothesis by few Gauss-Newton steps. It ranks candidates and moves fits along.
+`collect` is the full procedure, and everything that is reported comes from it. `Evidence.relinearised` follows a small
+change of the hypothesis by few Gauss-Newton steps. It ranks candidates and moves fits along.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis.inference.hypothesis import Hypothesis
-from tossid.diagnosis.likelihood.density import log_densities, student_deviance, student_scales
+from tossid.diagnosis.likelihood.density import log_density, student_deviance, student_scales
 from tossid.diagnosis.likelihood.engine_discrepancy import EngineDifference
 from tossid.diagnosis.likelihood.whitening import Whitening, linearise, relinearise
 from tossid.diagnosis.likelihood.windows import Windows
@@ -98,7 +98,7 @@ class Evidence:
         """Of whitened residuals."""
         return self.windows.settings.density
 
-    def near(self, hypothesis: Hypothesis, *, steps: int = 1) -> Evidence:
+    def relinearised(self, hypothesis: Hypothesis, *, steps: int = 1) -> Evidence:
         """The evidence of a hypothesis near by, whose first states follow by few Gauss-Newton steps.
 
         Args:
@@ -181,6 +181,30 @@ class Evidence:
         windows, whitening = self.windows.rows(rows), self.whitening.rows(rows)
         return Evidence.at(self.hypothesis, windows, whitening, self.raw[rows], difference, self.n_threads)
 
+    def with_rows(self, index: Index, other: Evidence) -> Evidence:
+        """The evidence of another hypothesis, which some windows feel; the others are as they are here.
+
+        Args:
+            index: (m,) numbers of these windows.
+            other: Evidence of them under the other hypothesis.
+        """
+
+        def replaced(values: Array, new: Array) -> Array:
+            out = values.copy()
+            out[index] = new
+            return out
+
+        w, difference = self.windows, self.difference
+        names = [each.name for each in fields(Whitening)]
+        whitening = Whitening(
+            *(replaced(getattr(self.whitening, name), getattr(other.whitening, name)) for name in names)
+        )
+        if difference is not None and other.difference is not None:
+            difference = replace(difference, values=replaced(difference.values, other.difference.values))
+        windows = replace(w, at_q=replaced(w.at_q, other.windows.at_q), at_v=replaced(w.at_v, other.windows.at_v))
+        raw = replaced(self.raw, other.raw)
+        return Evidence.at(other.hypothesis, windows, whitening, raw, difference, self.n_threads)
+
     def deviances(self) -> Array:
         """(W,) Student's deviance of windows."""
         deviance = student_deviance(self.residuals, self.density)
@@ -192,15 +216,20 @@ class Evidence:
         return _entry_scales(self.windows, self.scales)[..., None]
 
 
-def collect(windows: Windows, hypothesis: Hypothesis, *, n_threads: int = 1) -> Evidence:
+def collect(windows: Windows, hypothesis: Hypothesis, *, known: Evidence | None = None, n_threads: int = 1) -> Evidence:
     """The evidence of tosses under a hypothesis, by the full procedure, which begins at the recorded first states.
 
     Args:
         windows: Of the tosses.
         hypothesis: What predicts.
+        known: Evidence of the same windows by this procedure, under a hypothesis of the same law of contact. Windows
+            that cannot feel where both differ have the same first states, and keep them.
         n_threads: Of the simulator.
     """
     world, engine = hypothesis.world(), hypothesis.law.engine
+    if known is not None:
+        felt = np.flatnonzero(windows.feels(world, known.hypothesis.world()))
+        return known.with_rows(felt, collect(windows.rows(felt), hypothesis, n_threads=n_threads))
     begin = replace(windows, at_q=windows.q, at_v=windows.v)
     kept, whitening, raw = linearise(begin, world, steps=STATE_STEPS, restarts=RESTARTS, n_threads=n_threads)
     difference = None
@@ -260,8 +289,5 @@ def _entry_scales(windows: Windows, scales: Array) -> Array:
 
 def _log_likelihood(windows: Windows, whitening: Whitening, residuals: Array, scales: Array) -> Array:
     """(W,) Student's log density, but for constants."""
-    out = np.empty(len(residuals))
     scale = _entry_scales(windows, scales)
-    nu = windows.settings.density.degrees_of_freedom
-    log_densities(np.ascontiguousarray(residuals), windows.inside, scale, nu, out)
-    return out + whitening.log_det
+    return whitening.log_det + log_density(residuals, windows.inside, scale, windows.settings.density)

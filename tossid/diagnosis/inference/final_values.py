@@ -18,8 +18,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.diagnosis.inference.columns import slopes, sums
 from tossid.diagnosis.inference.evidence import Evidence
-from tossid.diagnosis.inference.fitting import Fit, fit
+from tossid.diagnosis.inference.fitting import REUSED, Fit
 from tossid.diagnosis.inference.found import Found
 from tossid.diagnosis.inference.sample import Sample
 
@@ -57,46 +58,57 @@ def final_values(found: Found, shifted: Iterable[Sample]) -> FinalValues:
         found: By a search. What flight has determined has windows of its own, and keeps its values.
         shifted: The same tosses in windows that begin elsewhere.
     """
-    h, n = found.hypothesis, found.fit.n
-    free = [name for name in h.names if name not in found.flown]
-    if not free:
+    h, fitted = found.hypothesis, found.fit
+    contact = [name for name in h.names if name not in found.flown]
+    if not contact:
         return FinalValues(found, {})
-    begun = [found.fit.evidence, *(sample.evidence(h) for sample in shifted)]
-    roots = [root_of(fit(finely(each), h, n=n, iterations=0, held=found.flown)) for each in begun]
-    values = np.array([root.hypothesis.flat() for root in roots])
-    mean = fit(roots[0].evidence, h.at(values.mean(0)), n=n, iterations=0, held=found.flown, sizes=roots[0].sizes)
+    placements = [fitted.evidence, *(sample.evidence(h) for sample in shifted)]
+    roots = [root_of(fitted, each) for each in placements]
+    values = np.array([evidence.hypothesis.flat() for evidence, _ in roots])
+    evidence, J = roots[0]
+    mean = evidence.relinearised(h.at(values.mean(0)))
+    fit = replace(fitted, evidence=mean, columns=sums(mean, J, fitted.n))
     of_mean = values.var(0, ddof=1) / len(values)
-    return FinalValues(replace(found, fit=mean), {name: of_mean[h.place_of(name)] for name in free})
+    return FinalValues(replace(found, fit=fit), {name: of_mean[h.place_of(name)] for name in contact})
 
 
-def root_of(start: Fit) -> Fit:
+def root_of(fitted: Fit, evidence: Evidence) -> tuple[Evidence, Array]:
     """The root of the estimating equations near a fit, by undamped scoring steps with first states that follow.
 
+    The derivatives that weigh residuals stay as they are while the values move by less than a standard error: a root
+    is unbiased whatever weighs them.
+
     Args:
-        start: Where to begin.
+        fitted: Where to begin, which parameters are free, and how wide differences are.
+        evidence: Of the same hypothesis, in windows that may begin elsewhere.
+
+    Returns:
+        The evidence there, and the derivatives (W, L, K, C) of whitened residuals.
     """
-    at, held = start, frozenset(start.hypothesis.names) - {start.hypothesis.owners[j] for j in start.free}
+    at, J, size = with_finer_steps(evidence), np.empty(0), np.inf
     for _ in range(STEPS):
-        step = at.columns.step()
-        size = float(np.abs(step / np.sqrt(np.diag(at.columns.covariance()))).max())
+        if size > REUSED:
+            J = slopes(at, at.hypothesis, fitted.free, fitted.widths())
+        columns = sums(at, J, fitted.n)
+        step = columns.step()
+        size = float(np.abs(step / np.sqrt(np.diag(columns.covariance()))).max())
         if size < NEAR:
             break
-        moved = at.moved(step * min(1.0, FARTHEST / size))
-        at = fit(at.evidence, moved, n=at.n, iterations=0, held=held, follow=2, sizes=at.widths())
-    return at
+        here = replace(fitted, evidence=at, columns=columns)
+        at = at.relinearised(here.moved(step * min(1.0, FARTHEST / size)), steps=2)
+    return at, J
 
 
-def finely(evidence: Evidence) -> Evidence:
+def with_finer_steps(evidence: Evidence) -> Evidence:
     """The evidence of the same hypothesis with shorter time steps, whose first states follow.
 
     Args:
         evidence: With the time steps of a search.
     """
-    windows = evidence.windows
+    windows, h = evidence.windows, evidence.hypothesis
     coarse = windows.settings.simulation
     parts = max(coarse.compliant_impact_parts // FINER, coarse.impact_parts)
     simulation = replace(coarse, substeps=FINER * coarse.substeps, compliant_impact_parts=parts)
     finer = replace(windows, settings=replace(windows.settings, simulation=simulation))
-    h = evidence.hypothesis
     raw = finer.residuals(finer.predicted(h.world(), n_threads=evidence.n_threads))
-    return replace(evidence, windows=finer, raw=raw).near(h, steps=3)
+    return replace(evidence, windows=finer, raw=raw).relinearised(h, steps=3)

@@ -26,6 +26,8 @@ FURTHER = 3
 """How often a step that gains is doubled: first states that have not followed yet hold it back."""
 NARROWEST, WIDEST = 0.5, 8.0
 """Central differences, in a parameter's declared steps: contact is rough at scales that no toss resolves."""
+REUSED = 1.0
+"""Standard errors by which values may move before derivatives are computed anew."""
 CONVERGED = 0.05
 """Change in standard errors, and gain, at which a fit ends."""
 
@@ -53,7 +55,7 @@ class Fit:
         """At the fitted values."""
         return self.evidence.hypothesis
 
-    def own(self, name: str) -> list[int]:
+    def columns_of(self, name: str) -> list[int]:
         """Numbers of an effect's columns.
 
         Args:
@@ -86,7 +88,7 @@ class Fit:
         move[list(self.free)] = np.clip(step, -100, 100)
         return h.at(h.flat() + move * h.steps)
 
-    def away(self, name: str) -> Array:
+    def from_nominal(self, name: str) -> Array:
         """Differences of an effect's values to those that change nothing, in declared steps.
 
         Args:
@@ -104,7 +106,7 @@ class Fit:
             further: (P,) variances beside that over tosses.
             degrees: Of freedom of the further variances. Those of the sum are Satterthwaite's (Biometrics 1946).
         """
-        h, own = self.hypothesis, self.own(name)
+        h, own = self.hypothesis, self.columns_of(name)
         place = h.place_of(name)
         over_tosses = np.maximum(np.diag(self.columns.covariance())[own], 0.0) * h.steps[place] ** 2
         whole = over_tosses + further
@@ -123,7 +125,7 @@ class Fit:
         Args:
             name: Of the effect, whose values were fitted.
         """
-        own = self.own(name)
+        own = self.columns_of(name)
         cov = self.columns.covariance()[np.ix_(own, own)]
         size = np.sqrt(np.maximum(np.diag(cov), 1e-300))
         return tuple(tuple(float(x) for x in row) for row in cov / np.outer(size, size))
@@ -134,8 +136,8 @@ class Fit:
         Args:
             name: Of the effect.
         """
-        own = self.own(name)
-        cov, away = self.columns.covariance()[np.ix_(own, own)], self.away(name)
+        own = self.columns_of(name)
+        cov, away = self.columns.covariance()[np.ix_(own, own)], self.from_nominal(name)
         size = np.sqrt(np.maximum(np.diag(cov), 1e-300))
         return float(away / size @ np.linalg.pinv(cov / np.outer(size, size), hermitian=True) @ (away / size))
 
@@ -161,25 +163,25 @@ def fit(
         follow: Gauss-Newton steps of first states at the start, which may be far from `near`.
         sizes: (P,) widths of the first differences, in declared steps; as wide as allowed if None.
     """
-    evidence = near if start is near.hypothesis else near.near(start, steps=follow)
+    evidence = near if start is near.hypothesis else near.relinearised(start, steps=follow)
     free = tuple(j for j, owner in enumerate(start.owners) if owner not in held)
     sizes = np.full(len(start.flat()), WIDEST) if sizes is None else sizes.copy()
-    columns = _columns(evidence, free, sizes, n)
-    for _ in range(iterations):
+    J = slopes(evidence, start, free, sizes)
+    columns = sums(evidence, J, n)
+    for turn in range(iterations):
         sizes = Fit(evidence, columns, free, sizes, n).widths()
         found = _step(Fit(evidence, columns, free, sizes, n))
         if found is None:
             break
         before, (evidence, gain) = evidence, found
         change = (evidence.hypothesis.flat() - before.hypothesis.flat())[list(free)] / start.steps[list(free)]
-        columns = _columns(evidence, free, sizes, n)
-        if gain < CONVERGED or np.abs(change * np.sqrt(np.diagonal(columns.H.sum(0)))).max() < CONVERGED:
+        moved = np.abs(change * np.sqrt(np.diagonal(columns.H.sum(0)))).max()
+        if turn == 0 or moved > REUSED:  # (the first are as wide as allowed)
+            J = slopes(evidence, evidence.hypothesis, free, sizes)
+        columns = sums(evidence, J, n)
+        if gain < CONVERGED or moved < CONVERGED:
             break
     return Fit(evidence, columns, free, sizes, n)
-
-
-def _columns(evidence: Evidence, free: tuple[int, ...], sizes: Array, n: int) -> Columns:
-    return sums(evidence, slopes(evidence, evidence.hypothesis, free, sizes), n)
 
 
 def _step(at: Fit) -> tuple[Evidence, float] | None:
@@ -205,7 +207,7 @@ def _step(at: Fit) -> tuple[Evidence, float] | None:
             if not beyond > gain:
                 break
             moved, gain = further, beyond
-        there = e.near(moved)
+        there = e.relinearised(moved)
         # half of the gain at the first states of before, half at those that have followed: neither side is ahead
         after = bounded(there.log_likelihood - there.log_likelihood_of(e.hypothesis, there.scales), e.density).sum()
         if gain + after > 0:

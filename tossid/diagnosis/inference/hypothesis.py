@@ -143,7 +143,7 @@ class Hypothesis:
         kept = [(effect, values) for effect, values in self.items() if effect.name not in names]
         return replace(self, effects=tuple(e for e, _ in kept), values=tuple(v for _, v in kept))
 
-    def instead(self, name: str, effect: Effect, values: Array) -> Hypothesis:
+    def with_replaced(self, name: str, effect: Effect, values: Array) -> Hypothesis:
         """With another effect in the place of one.
 
         Args:

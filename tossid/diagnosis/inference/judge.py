@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 from scipy.stats import bootstrap
 
 from tossid.diagnosis.findings import RESAMPLES, Interval
-from tossid.diagnosis.inference.evidence import Evidence, collect
+from tossid.diagnosis.inference.evidence import Evidence
 from tossid.diagnosis.inference.found import Found
+from tossid.diagnosis.inference.hypothesis import Hypothesis
+from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.inference.search import LEAST_GAIN, Search
 from tossid.diagnosis.likelihood.density import student_deviance
 from tossid.diagnosis.likelihood.windows import Windows
@@ -52,21 +54,16 @@ class Fold:
     without: Mapping[str, Evidence]
 
 
-def judged_by(held: Index, windows: Windows, search: Search, found: Found) -> Fold:
+def judged_by(held: Index, sample: Sample, stated: Hypothesis, found: Found) -> Fold:
     """Tosses that judge what was found without them.
 
     Args:
         held: Their numbers.
-        windows: Of them.
-        search: The search over the others.
-        found: What it has found.
+        sample: Of these tosses.
+        stated: The simulator as it is stated.
+        found: What the search over the others has found.
     """
-    threads = search.sample.n_threads
-    before = collect(windows, search.stated, n_threads=threads)
-    h = found.hypothesis
-    changed = h.effects or h.law != search.stated.law
-    after = collect(windows, h, n_threads=threads) if changed else before
-    return Fold(held, found, before, after, {})
+    return Fold(held, found, sample.evidence(stated), sample.evidence(found.hypothesis), {})
 
 
 def with_each_left_out(fold: Fold) -> Fold:
@@ -76,7 +73,7 @@ def with_each_left_out(fold: Fold) -> Fold:
         fold: Of `judged_by`.
     """
     h = fold.found.hypothesis
-    return replace(fold, without={name: fold.after.near(h.without(name), steps=3) for name in h.names})
+    return replace(fold, without={name: fold.after.relinearised(h.without(name), steps=3) for name in h.names})
 
 
 def cross_fit(
@@ -103,7 +100,8 @@ def cross_fit(
     def fold(k: int) -> Fold:
         held, others = np.flatnonzero(place == k), np.flatnonzero(place != k)
         search = search_of(others)
-        return with_each_left_out(judged_by(held, windows_of(held, others), search, search.run()))
+        sample = Sample(windows_of(held, others), len(held), search.sample.n_threads)
+        return with_each_left_out(judged_by(held, sample, search.stated, search.run()))
 
     yield from in_threads(fold, range(min(count, n)), n_threads)
 

@@ -131,7 +131,7 @@ class _Beside:
             J = np.zeros((*part.residuals.shape, self.columns.g.shape[1]))
             for each in dict.fromkeys(free):
                 place = part.hypothesis.place_of(each)
-                J[..., fitted.own(each)] = slopes(part, part.hypothesis, range(place.start, place.stop))
+                J[..., fitted.columns_of(each)] = slopes(part, part.hypothesis, range(place.start, place.stop))
             for s, start in ((each, start) for each in kept for start in each.starts if each.effect.name not in free):
                 h = _with(part, s.effect, start.hypothesis.values_of(s.effect.name))
                 place = h.place_of(s.effect.name)
@@ -147,14 +147,14 @@ class _Beside:
             return sum(float(log_likelihood_ratio(*two).sum()) for two in zip(parts, self.parts, strict=True))
 
         effect, known = change.effect, (None, change.values[0], change.values[-1], change.values.mean(0))
-        starts = [[part.near(_with(part, effect, values), steps=3) for part in self.parts] for values in known]
+        starts = [[part.relinearised(_with(part, effect, values), steps=3) for part in self.parts] for values in known]
         parts = max(starts, key=gain)
         best, held = gain(parts), frozenset({*parts[0].hypothesis.names} - {effect.name})
         for _ in range(ITERATIONS):
             counts = (b - a for a, b in pairwise(self.edges))
             at = [fit(e, e.hypothesis, n=n, iterations=0, held=held) for e, n in zip(parts, counts, strict=True)]
             step = _joined([each.columns for each in at]).step()
-            parts = [each.evidence.near(each.moved(step)) for each in at]
+            parts = [each.evidence.relinearised(each.moved(step)) for each in at]
             before, best = best, max(best, gain(parts))
             if best < before + LEAST_GAIN:
                 break
@@ -195,7 +195,7 @@ def _reached(part: Evidence, h: Hypothesis) -> Evidence:
 
     Objects that rest above the stated ground do not feel that it is somewhat higher.
     """
-    near = part.near(h, steps=2)
+    near = part.relinearised(h, steps=2)
     return collect(part.windows, h, n_threads=part.n_threads) if np.array_equal(near.raw, part.raw) else near
 
 
@@ -308,7 +308,7 @@ def _sought(
 ) -> OverOrder:
     """What changes, with values as they were found one effect after the other."""
     h, active, changes = present.hypothesis, screening.active, list[Change]()
-    columns_of = {name: np.asarray(present.own(name), dtype=int) for name in h.names}
+    columns_of = {name: np.asarray(present.columns_of(name), dtype=int) for name in h.names}
     suspects = [
         _Suspect(h.effect(name), (Start(h, own, False),), np.setdiff1d(active, own))
         for name, own in columns_of.items()

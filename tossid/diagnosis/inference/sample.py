@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,7 @@ class Sample:
     windows: Windows
     n: int
     n_threads: int = 1
+    _known: list[Evidence] = field(default_factory=list, init=False, compare=False, repr=False)
 
     def of_tosses(self, chosen: Index) -> Sample:
         """Some of the tosses.
@@ -39,7 +40,9 @@ class Sample:
         Args:
             chosen: (m,) their numbers.
         """
-        return replace(self, windows=self.windows.of_tosses(chosen), n=len(chosen))
+        part = replace(self, windows=self.windows.of_tosses(chosen), n=len(chosen))
+        part._known.extend(evidence.of_tosses(chosen) for evidence in self._known[:1])
+        return part
 
     def in_flight(self) -> Sample:
         """The windows of free flight."""
@@ -48,12 +51,22 @@ class Sample:
     def evidence(self, hypothesis: Hypothesis) -> Evidence:
         """The evidence of a hypothesis, by the full procedure.
 
+        The first evidence and the last ones are kept: what windows do not feel is not computed again.
+
         Args:
             hypothesis: The hypothesis.
         """
-        return collect(self.windows, hypothesis, n_threads=self.n_threads)
+        alike = [e for e in self._known if e.hypothesis.law == hypothesis.law]
+        for evidence in alike:
+            if evidence.hypothesis.world() is hypothesis.world():
+                return evidence
+        flying = [e for e in alike if e.hypothesis.world().flies_like(hypothesis.world())]
+        known = flying[-1] if flying else None
+        evidence = collect(self.windows, hypothesis, known=known, n_threads=self.n_threads)
+        self._known[:] = [*self._known[:1], *self._known[1:][-1:], evidence]
+        return evidence
 
-    def fixed(self, evidence: Evidence) -> Fit:
+    def evaluated(self, evidence: Evidence) -> Fit:
         """A hypothesis at its values, nothing of which is fitted.
 
         Args:
@@ -74,9 +87,9 @@ class Sample:
             held: Effects whose values stay.
         """
         made = fit(near, start, n=self.n, iterations=iterations, held=held, follow=follow)
-        return self.settled(made, held)
+        return self.reevaluated(made, held)
 
-    def settled(self, made: Fit, held: frozenset[str] = frozenset()) -> Fit:
+    def reevaluated(self, made: Fit, held: frozenset[str] = frozenset()) -> Fit:
         """A fit with the evidence of the full procedure.
 
         Args:
@@ -113,10 +126,10 @@ class Sample:
             name: Of the effect.
             held: Effects whose values stay.
         """
-        own = present.own(name)
+        own = present.columns_of(name)
         others = [k for k in range(len(present.free)) if k not in own]
         step = np.zeros(len(present.free))
-        step[own] = -present.away(name)
+        step[own] = -present.from_nominal(name)
         if others:
             H = present.columns.H.sum(0)
             pull = H[np.ix_(others, own)] @ step[own]
@@ -125,7 +138,7 @@ class Sample:
         return fit(present.evidence, start, n=self.n, iterations=2, held=held, follow=3)
 
 
-def closes(one: Evidence, other: Evidence, first: Evidence) -> bool:
+def reduces_deviance(one: Evidence, other: Evidence, first: Evidence) -> bool:
     """Whether a hypothesis closes enough more of the deviance of flight, or of contact, than another.
 
     Args:

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 FLIPS = 9999
-"""Draws of signs, beside the observed ones."""
+"""Draws of signs, beside the observed ones; a tenth of these will do for a level ten times as high."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class Screening:
             active = np.concatenate([active, start.columns])
         return chosen
 
-    def instead(self, own: Sequence[int], away: Array) -> list[tuple[float, Candidate]]:
+    def replacements(self, own: Sequence[int], away: Array) -> list[tuple[float, Candidate]]:
         """Candidates by the share of an effect's gain that they would bring in its place, in closed form.
 
         Args:
@@ -144,18 +144,14 @@ class Screening:
         if candidate.effect is None:
             return {}
         start = min(candidate.starts, key=lambda each: each.secant)
-        h, H = start.hypothesis, self.columns.H.sum(0)
-        own, active = start.columns, self.active
-        inner = H[np.ix_(own, own)]
-        if len(active):  # what the active parameters would take of it
-            across = H[np.ix_(active, own)]
-            inner = inner - across.T @ np.linalg.lstsq(H[np.ix_(active, active)], across, rcond=1e-9)[0]
+        h, (_, inner) = start.hypothesis, self.columns.scores(start.columns, self.active)
+        largest = float(np.diagonal(self.columns.H.sum(0)).max(initial=0.0))
         size = np.sqrt(np.maximum(np.diag(inner), 0.0))
-        moves = size > 1e-6 * np.sqrt(max(float(np.diag(H).max(initial=0.0)), 1e-300))
+        moves = size > 1e-6 * np.sqrt(max(largest, 1e-300))
         if not moves.any():
             return {}
         scaled = inner[np.ix_(moves, moves)] / np.outer(size[moves], size[moves])
-        errors = np.full(len(own), np.inf)
+        errors = np.full(len(size), np.inf)
         errors[moves] = np.sqrt(np.diag(np.linalg.pinv(scaled, rcond=1e-9, hermitian=True))) / size[moves]
         if start.secant:  # one column: the multiple of the whole change to the declared values
             change = np.abs(h.values_of(candidate.name) - h.nominal_of(candidate.name))
@@ -174,6 +170,7 @@ def screen(
     free: Sequence[int] = (),
     laws: Sequence[ContactLaw] = (),
     rng: np.random.Generator,
+    flips: int = FLIPS,
 ) -> Screening:
     """Every effect of a library, and every law, beside a hypothesis.
 
@@ -184,6 +181,7 @@ def screen(
         free: Numbers of the hypothesis's parameters that are fitted beside a candidate.
         laws: Of contact.
         rng: Of the flips.
+        flips: How many.
     """
     present = evidence.hypothesis
     blocks = [slopes(evidence, present, free)]
@@ -215,7 +213,9 @@ def screen(
             starts.append((law.name, None, [Start(hypothesis, added(change[..., None]), True)]))
     columns = sums(evidence, np.concatenate(blocks, axis=-1), n)
     active = np.arange(len(free))
-    p_values = adjusted_p_values([[_score(columns, each, active) for each in made] for _, _, made in starts], rng)
+    p_values = adjusted_p_values(
+        [[_score(columns, each, active) for each in made] for _, _, made in starts], rng, flips
+    )
     candidates = []
     for (name, of_effect, made), p_value in zip(starts, p_values, strict=True):
         gains = [_gain(columns, each, active) for each in made]
@@ -306,17 +306,18 @@ def _score(columns: Columns, start: Start, active: Index) -> Score:
     return Score(*columns.scores(start.columns, active), start.secant)
 
 
-def adjusted_p_values(scores: Sequence[Sequence[Score]], rng: np.random.Generator) -> list[float]:
+def adjusted_p_values(scores: Sequence[Sequence[Score]], rng: np.random.Generator, flips: int = FLIPS) -> list[float]:
     """P-values of candidates by sign flips, adjusted for all of them.
 
     Args:
         scores: Of the starts of each candidate.
         rng: Of the flips.
+        flips: How many.
     """
     n = next((len(each.scores) for group in scores for each in group), 0)
     if n == 0:
         return [1.0] * len(scores)
-    signs = np.concatenate([np.ones((1, n)), rng.choice([-1.0, 1.0], size=(FLIPS, n))])
+    signs = np.concatenate([np.ones((1, n)), rng.choice([-1.0, 1.0], size=(flips, n))])
     # of one candidate the starts are several tests, and of the library the candidates
     least = np.stack([np.min([_ranked(_statistic(signs, each)) for each in group], axis=0) for group in scores])
     smallest = least.min(0)

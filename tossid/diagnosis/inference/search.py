@@ -2,8 +2,8 @@
 
 A round screens every effect of the library beside the present hypothesis, in closed form. The likeliest few are fitted,
 and the simplest of those that gain as much as the best joins, if the tosses show it. Then an effect that the others
-have made superfluous leaves. Where contact is rough, one effect alone shows little of what it does beside others: so
-all likely ones are fitted at once, and what is not needed leaves one by one. At the end each effect is compared with
+have made superfluous is pruned. Where contact is rough, one effect alone shows little of what it does beside others: so
+all likely ones are fitted at once, and what is not needed is pruned one by one. At the end each effect is compared with
 what could take its place.
 """
 
@@ -22,8 +22,8 @@ from tossid.diagnosis.inference.evidence import Evidence
 from tossid.diagnosis.inference.fitting import Fit, fit
 from tossid.diagnosis.inference.found import Fitted, Found, Rival, Round, words
 from tossid.diagnosis.inference.hypothesis import ContactLaw, Hypothesis
-from tossid.diagnosis.inference.sample import Sample, closes, noise_of
-from tossid.diagnosis.inference.screening import Candidate, Screening, screen
+from tossid.diagnosis.inference.sample import Sample, noise_of, reduces_deviance
+from tossid.diagnosis.inference.screening import FLIPS, Candidate, Screening, screen
 from tossid.parallel import in_threads
 from tossid.physics.effects import Effect
 from tossid.types import Phase
@@ -31,7 +31,7 @@ from tossid.types import Phase
 _log = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 Item = TypeVar("Item")
-Made = TypeVar("Made")
+Result = TypeVar("Result")
 
 LEVEL = 0.025
 """Of each block: how often it names anything where nothing is."""
@@ -85,84 +85,72 @@ class Search:
             first: Evidence of the simulator as it is stated, if it is known.
         """
         first = first or self.sample.evidence(self.stated)
-        n, begun = self.sample.n, None
+        n, of_few = self.sample.n, None
         if n > 1.5 * FEW:
             few = np.sort(np.random.default_rng(self.seed).permutation(n)[:FEW])
             part = replace(self, sample=self.sample.of_tosses(few))
-            begun = part._blocks(first.of_tosses(few), None)
-        return self._compared(self._blocks(first, begun))
+            of_few = part._blocks(first.of_tosses(few), None)
+        return self._with_rivals(self._blocks(first, of_few))
 
-    # ---------------------------------------------------------------- flight, then contact
-
-    def _blocks(self, first: Evidence, begun: Found | None) -> Found:
-        """Both blocks, from what fewer tosses have found if they were searched before."""
-        start = self.stated if begun is None else begun.hypothesis
-        if not self.sample.windows.free.any():
-            present = self.sample.fixed(first if begun is None else self.sample.evidence(start))
-            present, rounds = self._contact(present, first, self.library, NONE)
-            return Found(first, present, None, rounds)
-        flight, rounds, causes = self._flight(first, begun)
-        # each cause is joined by what is known of contact, and contact tells the causes apart
-        beside = [] if begun is None else [(e, v) for e, v in start.items() if e.name not in begun.flown]
-        options = [_with_all(replace(c.fit.hypothesis, law=start.law), beside) for c in causes]
-        if options[0].effects:
-            tried = [self.sample.fixed(self.sample.evidence(option)) for option in options]
+    def _blocks(self, first: Evidence, of_few: Found | None) -> Found:
+        """Flight, then contact, from what fewer tosses have found if they were searched before."""
+        sample, known = self.sample, self.stated if of_few is None else of_few.hypothesis
+        flight, rounds, rivals = None, tuple[Round, ...](), dict[str, tuple[Rival, ...]]()
+        library, flown = self.library, NONE
+        if not sample.windows.free.any():
+            evidence = first if of_few is None else sample.evidence(known)
         else:
-            tried = [self.sample.fixed(first)]
-        best = self._likeliest(tried)
-        flight, held = causes[best].fit, frozenset(causes[best].fit.hypothesis.names)
-        rivals = _rivals(causes, [self.sample.ratio(t.evidence, tried[best].evidence) for t in tried], best)
-        # the model of flight is right but for forces: what flight does not show of them is not there
-        library = tuple(effect for effect in self.library if not effect.is_force)
-        present, more = self._contact(tried[best], first, library, held)
+            flights, rounds = self._flight(first, of_few)
+            # each explanation of flight is joined by what is known of contact, and contact tells them apart
+            of_contact = [(e, v) for e, v in known.items() if of_few is None or e.name not in of_few.flown]
+            options = [_with_all(replace(each.fit.hypothesis, law=known.law), of_contact) for each in flights]
+            tried = [sample.evidence(option) for option in options] if options[0].effects else [first]
+            best = self._likeliest(tried)
+            rivals = _rivals_of(flights, [sample.ratio(each, tried[best]) for each in tried], best)
+            flight, evidence = flights[best].fit, tried[best]
+            flown = frozenset(flight.hypothesis.names)
+            # the model of flight is right but for forces: what flight does not show of them is not there
+            library = tuple(effect for effect in self.library if not effect.is_force)
+        present = sample.evaluated(evidence)
+        if {*evidence.hypothesis.names} - flown:
+            present = sample.refitted(evidence, evidence.hypothesis, iterations=4, held=flown)
+        present, more = self._rounds(present, first, library, flown)
         return Found(first, present, flight, (*rounds, *more), rivals=rivals)
 
-    def _flight(self, first: Evidence, begun: Found | None) -> tuple[Fit, tuple[Round, ...], list[_Cause]]:
+    def _flight(self, first: Evidence, of_few: Found | None) -> tuple[list[_Flight], tuple[Round, ...]]:
         """What free flight shows, and what does the same there."""
         in_air = replace(self, sample=self.sample.in_flight(), laws=())
         there = first.rows(np.flatnonzero(self.sample.windows.free))
-        flight = in_air.sample.fixed(there)
-        if begun is not None and begun.flight is not None and begun.flown:
-            flight = in_air.sample.refitted(there, begun.flight.hypothesis, iterations=6, follow=2)
+        flight, before = in_air.sample.evaluated(there), tuple[Round, ...]()
+        if of_few is not None:
+            before = of_few.rounds
+            if of_few.flight is not None and of_few.flown:
+                flight = in_air.sample.refitted(there, of_few.flight.hypothesis, iterations=6, follow=2)
         flying = [effect for effect in self.library if Phase.FLIGHT in effect.phases]
         flight, rounds = in_air._rounds(flight, there, flying, NONE)
-        causes = [_Cause(flight, "", "")]
-        for one in (*rounds, *(() if begun is None else begun.rounds)):
-            joined = one.joined
-            if joined is None or joined.candidate.name not in flight.hypothesis.names:
+        names, flights = flight.hypothesis.names, [_Flight(flight, "", "")]
+        for each in (*rounds, *before):
+            if each.joined is None or each.joined.candidate.name not in names:
                 continue
-            name, least = joined.candidate.name, ALIKE * joined.candidate.total
-            others = [
-                c
-                for c in one.screening.candidates
-                # (what contains the effect always fits as well)
-                if c.effect and c.total > least and name not in c.effect.contains
-                if c.name not in flight.hypothesis.names
-            ]
-            for c in others[:MOST_RIVALS]:
-                if c.effect is not None and not any((name, c.name) == (o.instead_of, o.name) for o in causes):
-                    option = flight.hypothesis.instead(name, c.effect, c.start.values_of(c.name))
-                    made = in_air.sample.refitted(flight.evidence, option, iterations=4)
-                    # what was found beside the one may be superfluous beside the other
-                    made = in_air._pruned(made, there, NONE)
-                    if c.name in made.hypothesis.names:
-                        causes.append(_Cause(made, name, c.name))
-        return flight, tuple(rounds), causes
+            name, least = each.joined.candidate.name, ALIKE * each.joined.candidate.total
+            alike = [c for c in each.screening.candidates if c.total > least and c.name not in names]
+            for c in _not_containing(name, alike)[:MOST_RIVALS]:
+                assert c.effect is not None
+                if any((name, c.name) == (other.instead_of, other.name) for other in flights):
+                    continue
+                option = flight.hypothesis.with_replaced(name, c.effect, c.start.values_of(c.name))
+                fitted = in_air.sample.refitted(flight.evidence, option, iterations=4)
+                # what was found beside the one may be superfluous beside the other
+                fitted = in_air._pruned(fitted, there, NONE)
+                if c.name in fitted.hypothesis.names:
+                    flights.append(_Flight(fitted, name, c.name))
+        return flights, rounds
 
-    def _contact(
-        self, present: Fit, first: Evidence, library: Sequence[Effect], held: frozenset[str]
-    ) -> tuple[Fit, tuple[Round, ...]]:
-        """What contact shows beside what flight has determined."""
-        if set(present.hypothesis.names) - held:
-            present = self.sample.refitted(present.evidence, present.hypothesis, iterations=4, held=held)
-        present, rounds = self._rounds(present, first, library, held)
-        return present, tuple(rounds)
-
-    def _likeliest(self, tried: Sequence[Fit]) -> int:
-        """Which hypothesis is the likeliest at its values: the simplest of those that are as likely within noise."""
+    def _likeliest(self, tried: Sequence[Evidence]) -> int:
+        """Which hypothesis is the likeliest: the simplest of those that are as likely within noise."""
         best = 0
         for k, each in enumerate(tried):
-            ahead = self.sample.ratio(each.evidence, tried[best].evidence)
+            ahead = self.sample.ratio(each, tried[best])
             more = len(each.hypothesis.flat()) - len(tried[best].hypothesis.flat())
             if ahead.sum() > LEAST_AHEAD[int(np.sign(more))] * noise_of(ahead):
                 best = k
@@ -172,155 +160,157 @@ class Search:
 
     def _rounds(
         self, present: Fit, first: Evidence, library: Sequence[Effect], held: frozenset[str]
-    ) -> tuple[Fit, list[Round]]:
+    ) -> tuple[Fit, tuple[Round, ...]]:
         """Rounds from a hypothesis until nothing more joins. Effects that are held keep their values."""
-        rounds: list[Round] = []
-        seen = {_contents(present.hypothesis)}
+        rounds, seen = list[Round](), {_contents(present.hypothesis)}
         while len(present.hypothesis.effects) < MOST_EFFECTS:
-            one = self._round(present, first, library, held)
-            rounds.append(one)
-            if one.joined is None:
+            rounds.append(self._round(present, first, library, held))
+            joined = rounds[-1].joined
+            if joined is None:
                 break
-            made = one.joined.fit
-            made = self.sample.refitted(self.sample.evidence(made.hypothesis), made.hypothesis, iterations=4, held=held)
-            present = self._pruned(made, first, held)
-            of_effects = [each for each in rounds if each.joined and each.joined.candidate.effect is not None]
-            if of_effects == [one] and _is_rough(present.evidence):
-                present = self._all_at_once(present, first, one, held)
+            evidence = self.sample.evidence(joined.fit.hypothesis)
+            present = self.sample.refitted(evidence, evidence.hypothesis, iterations=4, held=held)
+            present = self._pruned(present, first, held)
+            joined_effects = [one for one in rounds if one.joined and one.joined.candidate.effect is not None]
+            if len(joined_effects) == 1 and joined_effects[0] is rounds[-1] and _is_rough(present.evidence):
+                present = self._all_at_once(present, first, rounds[-1], held)
             if _contents(present.hypothesis) in seen:
                 break
             seen.add(_contents(present.hypothesis))
-        return present, rounds
+        return present, tuple(rounds)
 
     def _round(self, present: Fit, first: Evidence, library: Sequence[Effect], held: frozenset[str]) -> Round:
         """Candidates beside a hypothesis, and which of them joins."""
-        sample, e = self.sample, present.evidence
+        sample, evidence = self.sample, present.evidence
         # as soon as a force is in, its law is tested too: what is sought beside it must not make up for a wrong one
         free = (effect for effect in present.hypothesis.effects if effect.name not in held)
         library = [*library, *(effect.other_power_law for effect in free if effect.other_power_law is not None)]
         rng = np.random.default_rng(self.seed)
-        screening = screen(e, library, n=sample.n, free=present.free, laws=self.laws, rng=rng)
-        level = JUDGING_LEVEL if self.judging else LEVEL
+        level, flips = (JUDGING_LEVEL, FLIPS // 10) if self.judging else (LEVEL, FLIPS)
+        screening = screen(evidence, library, n=sample.n, free=present.free, laws=self.laws, rng=rng, flips=flips)
         gaining = [c for c in screening.candidates if c.total > LEAST_GAIN]
         laws = [c for c in gaining if c.effect is None]
         likely = [c for c in gaining if c.effect is not None and c.p_value < level]
 
-        def begun(c: Candidate) -> Evidence:
+        def started(c: Candidate) -> Evidence:
             """A candidate at its start; another law of contact has another engine, whose difference is needed."""
-            return e.near(c.start, steps=2) if c.effect is not None else sample.evidence(c.start)
-
-        def fitted(c: Candidate, near: Evidence) -> Fitted:
-            made = fit(near, near.hypothesis, n=sample.n, iterations=3, held=held)
-            return Fitted(c, made, sample.gains(made, present))
+            return sample.evidence(c.start) if c.effect is None else evidence.relinearised(c.start, steps=2)
 
         # (first states of its own make another law likelier than a secant shows, so each that gains is tried)
-        likely = [*laws, *_with_special_cases(likely, TRIED if _is_rough(e) else FITTED)]
-        tried = list(zip(likely, self._map(begun, likely), strict=True))
-        if _is_rough(e):
-            tried.sort(key=lambda each: -sample.ratio(each[1], e).sum())
-            tried = tried[:FITTED]
-        made = sorted(self._map(lambda each: fitted(*each), tried), key=lambda each: -each.gain.sum())
-        good = [each for each in made if each.gain.sum() > LEAST_GAIN and closes(each.fit.evidence, e, first)]
+        likely = [*laws, *_with_special_cases(likely, TRIED if _is_rough(evidence) else FITTED)]
+        tried = list(zip(likely, self._map(started, likely), strict=True))
+        if _is_rough(evidence):
+            tried = sorted(tried, key=lambda each: -sample.ratio(each[1], evidence).sum())[:FITTED]
+
+        def fitted(each: tuple[Candidate, Evidence]) -> Fitted:
+            candidate, near = each
+            there = fit(near, near.hypothesis, n=sample.n, iterations=3, held=held)
+            return Fitted(candidate, there, sample.gains(there, present))
+
+        fits = sorted(self._map(fitted, tried), key=lambda each: -each.gain.sum())
+        good = [f for f in fits if f.gain.sum() > LEAST_GAIN and reduces_deviance(f.fit.evidence, evidence, first)]
         joined = _simplest(good)
-        _log.debug("%s", "\n".join(_in_words(screening, made, joined)))
+        _log.debug("%s", "\n".join(_in_words(screening, fits, joined)))
         self.watch(present, screening)
-        return Round(present, screening, tuple(made), joined)
+        return Round(present, screening, tuple(fits), joined)
 
     def _all_at_once(self, present: Fit, first: Evidence, one: Round, held: frozenset[str]) -> Fit:
         """All likely effects together, without those that are not needed; the present hypothesis if that is better."""
         sample, before = self.sample, one.before
-        law = present.hypothesis.law
-        start = _with_all(replace(before.hypothesis, law=law), one.screening.together(JOINT, LEAST_GAIN))
-        near = before.evidence if law is before.hypothesis.law else present.evidence
-        made = sample.refitted(near, start, iterations=8, follow=4, held=held)
-        made = sample.refitted(made.evidence, made.hypothesis, iterations=4, held=held)
-        fewer = self._pruned(made, first, held)
-        while fewer is not made:
-            made, fewer = fewer, self._pruned(fewer, first, held)
-        _log.debug("all at once, %.0f: %s", sample.gains(made, present).sum(), words(made.hypothesis))
-        return made if sample.gains(made, present).sum() > 0 else present
+        start = replace(before.hypothesis, law=present.hypothesis.law)
+        start = _with_all(start, one.screening.together(JOINT, LEAST_GAIN))
+        near = before.evidence if start.law == before.hypothesis.law else present.evidence
+        joint = sample.refitted(near, start, iterations=8, follow=4, held=held)
+        joint = sample.refitted(joint.evidence, joint.hypothesis, iterations=4, held=held)
+        fewer = self._pruned(joint, first, held)
+        while fewer is not joint:
+            joint, fewer = fewer, self._pruned(fewer, first, held)
+        gain = sample.gains(joint, present).sum()
+        _log.debug("all at once, %.0f: %s", gain, words(joint.hypothesis))
+        return joint if gain > 0 else present
 
     def _pruned(self, present: Fit, first: Evidence, held: frozenset[str]) -> Fit:
         """Without the effect that is needed least, if it is not needed."""
-        asked = sorted((present.wald(name), name) for name in present.hypothesis.names if name not in held)
-        for wald, name in asked if len(asked) > 1 else []:
+        by_wald = sorted((present.wald(name), name) for name in present.hypothesis.names if name not in held)
+        for wald, name in by_wald if len(by_wald) > 1 else []:
             if wald > CLEAR:
                 break
             without = self.sample.without(present, name, held)
             gain = self.sample.gains(present, without)
             _log.debug("without %s: Wald %.0f, loses %.1f +- %.1f", name, wald, gain.sum(), noise_of(gain))
             needed = gain.sum() > max(LEAST_GAIN, 2 * noise_of(gain))
-            if not (needed and closes(present.evidence, without.evidence, first)):
-                return self.sample.settled(without, held)
+            if not (needed and reduces_deviance(present.evidence, without.evidence, first)):
+                return self.sample.reevaluated(without, held)
         return present
 
-    def _compared(self, found: Found, *, settled: bool = False) -> Found:
+    # ---------------------------------------------------------------- rivals
+
+    def _with_rivals(self, found: Found, *, replaced: bool = False) -> Found:
         """With what each effect is needed for and what could take its place, which it does, once, if it is likelier."""
-        needed, rivals = dict[str, Array](), dict(found.rivals)
+        sample, needed, rivals = self.sample, dict[str, Array](), dict(found.rivals)
         last = found.rounds[-1]
         for name in found.hypothesis.names:
             if name in found.flown:
                 assert found.flight is not None
-                in_air = self.sample.in_flight()
+                in_air = sample.in_flight()
                 needed[name] = in_air.gains(found.flight, in_air.without(found.flight, name))
                 continue
-            needed[name] = self.sample.gains(found.fit, self.sample.without(found.fit, name, found.flown))
+            needed[name] = sample.gains(found.fit, sample.without(found.fit, name, found.flown))
             if last.before is not found.fit:
                 continue
-            close = last.screening.instead(found.fit.own(name), found.fit.away(name))
-            # (what contains the effect always fits as well)
-            others = [c for share, c in close if share > ALIKE and c.effect and name not in c.effect.contains]
+            shares = last.screening.replacements(found.fit.columns_of(name), found.fit.from_nominal(name))
+            others = _not_containing(name, [c for share, c in shares if share > ALIKE])
             rivals[name] = tuple(self._map(partial(self._rival, found, name), others[:MOST_RIVALS]))
             better = [r for r in rivals[name] if r.gain.sum() > max(LEAST_GAIN, 2 * noise_of(r.gain))]
-            if better and not settled:
+            if better and not replaced:
                 best = max(better, key=lambda each: each.gain.sum())
                 _log.debug("%s takes the place of %s", best.effect.name, name)
-                present = self.sample.settled(best.fit, found.flown)
+                present = sample.reevaluated(best.fit, found.flown)
                 round_ = self._round(present, found.first, self.library, found.flown)
-                return self._compared(replace(found, fit=present, rounds=(*found.rounds, round_)), settled=True)
+                return self._with_rivals(replace(found, fit=present, rounds=(*found.rounds, round_)), replaced=True)
         return replace(found, needed=needed, rivals=rivals)
 
     def _rival(self, found: Found, name: str, candidate: Candidate) -> Rival:
         """An effect in the place of another of the hypothesis, all fitted again."""
         assert candidate.effect is not None
-        start = found.hypothesis.instead(name, candidate.effect, candidate.start.values_of(candidate.name))
-        made = fit(found.fit.evidence, start, n=self.sample.n, iterations=3, held=found.flown, follow=3)
-        return Rival(candidate.effect, made, self.sample.gains(made, found.fit))
+        start = found.hypothesis.with_replaced(name, candidate.effect, candidate.start.values_of(candidate.name))
+        fitted = fit(found.fit.evidence, start, n=self.sample.n, iterations=3, held=found.flown, follow=3)
+        return Rival(candidate.effect, fitted, self.sample.gains(fitted, found.fit))
 
-    def _map(self, made: Callable[[Item], Made], items: Iterable[Item]) -> list[Made]:
-        return list(in_threads(made, items, self.sample.n_threads))
+    def _map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+        return list(in_threads(function, items, self.sample.n_threads))
 
 
 @dataclass(frozen=True)
-class _Cause:
-    """A hypothesis of flight, and which effect it has in the place of which."""
+class _Flight:
+    """A hypothesis of flight, and which effect it has in the place of which; neither in that of the rounds."""
 
     fit: Fit
     instead_of: str
     name: str
 
 
-def _rivals(causes: Sequence[_Cause], ratios: Sequence[Array], best: int) -> dict[str, tuple[Rival, ...]]:
-    """What could take the place of an effect that flight has found: causes by how likely contact makes them."""
-    out = dict[str, tuple[Rival, ...]]()
-    chosen = causes[best]
-    for k, each in enumerate(causes):
-        if k == best:
+def _rivals_of(flights: Sequence[_Flight], ratios: Sequence[Array], best: int) -> dict[str, tuple[Rival, ...]]:
+    """What could take the place of an effect of flight: explanations of it, by how likely contact makes them."""
+    rivals, chosen = dict[str, tuple[Rival, ...]](), flights[best]
+    for k, each in enumerate(flights):
+        if k == best or (chosen.name and k and each.instead_of != chosen.instead_of):
             continue
-        if not chosen.name:  # the search's own choice
-            name, other = each.instead_of, each.name
-        elif k == 0 or each.instead_of == chosen.instead_of:
-            name, other = chosen.name, each.name or chosen.instead_of
-        else:
-            continue
-        out[name] = (*out.get(name, ()), Rival(each.fit.hypothesis.effect(other), each.fit, ratios[k]))
-    return out
+        name, other = (chosen.name, each.name or chosen.instead_of) if chosen.name else (each.instead_of, each.name)
+        rival = Rival(each.fit.hypothesis.effect(other), each.fit, ratios[k])
+        rivals[name] = (*rivals.get(name, ()), rival)
+    return rivals
 
 
-def _in_words(screening: Screening, fitted: Sequence[Fitted], joined: Fitted | None) -> list[str]:
+def _not_containing(name: str, candidates: Iterable[Candidate]) -> list[Candidate]:
+    """Candidates that are effects, without those that contain an effect: they always fit as well."""
+    return [c for c in candidates if c.effect is not None and name not in c.effect.contains]
+
+
+def _in_words(screening: Screening, fits: Sequence[Fitted], joined: Fitted | None) -> list[str]:
     """A round in lines."""
     screened = (f"{c.name} {c.total:.0f} (p {c.p_value:.3f})" for c in screening.candidates[:6])
-    lines = [f"    {f.candidate.name} {f.gain.sum():.1f}: {words(f.fit.hypothesis)}" for f in fitted]
+    lines = [f"    {f.candidate.name} {f.gain.sum():.1f}: {words(f.fit.hypothesis)}" for f in fits]
     end = "-> " + ("nothing" if joined is None else joined.candidate.name)
     return ["screened " + ", ".join(screened), *lines, end]
 
@@ -329,14 +319,14 @@ def _is_rough(evidence: Evidence) -> bool:
     return bool(max(evidence.scales[[Phase.IMPACT, Phase.SLIDE]]) > ROUGH)
 
 
-def _simplest(fitted: Sequence[Fitted]) -> Fitted | None:
+def _simplest(fits: Sequence[Fitted]) -> Fitted | None:
     """Of the candidates that gain as much as the best within noise, the one with the fewest parameters."""
-    chosen = fitted[0] if fitted else None
-    for each in fitted[1:]:
+    chosen = fits[0] if fits else None
+    for each in fits[1:]:
         assert chosen is not None
-        behind = fitted[0].gain - each.gain
+        behind = fits[0].gain - each.gain
         fewer = len(each.fit.hypothesis.flat()) < len(chosen.fit.hypothesis.flat())
-        if fewer and behind.sum() < max(2 * noise_of(behind), LEAST_GAIN, 0.01 * fitted[0].gain.sum()):
+        if fewer and behind.sum() < max(2 * noise_of(behind), LEAST_GAIN, 0.01 * fits[0].gain.sum()):
             chosen = each
     return chosen
 

@@ -66,9 +66,7 @@ class FrameClock:
         return min(end, int(np.searchsorted(self.tick, self.tick[first] + ticks, side="right")) - 1)
 
 
-def cut_flights(
-    toss: Toss, clock: FrameClock, model: ObjectModel, long: int, cut: WindowSettings
-) -> list[tuple[int, int]]:
+def cut_flights(toss: Toss, clock: FrameClock, model: ObjectModel, cut: WindowSettings) -> list[tuple[int, int]]:
     """First and last frames of windows over the flight that a toss begins with, and over those after bounces.
 
     A flight ends where the stated object may touch the stated ground, or, as neither may be right, where the velocity
@@ -79,7 +77,6 @@ def cut_flights(
         toss: As recorded.
         clock: Its frames on the clock.
         model: The stated object.
-        long: Most ticks of a window.
         cut: Where windows end.
     """
     ended = may_touch(model, toss.t, toss.q)
@@ -97,7 +94,7 @@ def cut_flights(
         elif falls is None or np.linalg.norm(acceleration - falls) > cut.falls_alike * GRAVITY:
             continue
         tick = clock.tick[first : last + 1] - clock.tick[first]
-        parts = -(-int(tick[-1]) // long)
+        parts = -(-int(tick[-1]) // cut.long)
         edges = [first + int(np.searchsorted(tick, tick[-1] * k // parts)) for k in range(parts + 1)]
         out += itertools.pairwise(edges)
     return out
@@ -125,20 +122,16 @@ def _before_jump(toss: Toss, clock: FrameClock, first: int, last: int, cut: Wind
     return first + s + int(jumped[0]) if len(jumped) else last
 
 
-def cut_consecutively(
-    toss: Toss, clock: FrameClock, length: int, long: int, shift: int, cut: WindowSettings
-) -> list[tuple[int, int]]:
+def cut_consecutively(toss: Toss, clock: FrameClock, shift: int, cut: WindowSettings) -> list[tuple[int, int]]:
     """First and last frames of a toss's consecutive windows.
 
     Args:
         toss: As recorded.
         clock: Its frames on the clock.
-        length: Ticks of a window in contact.
-        long: Most ticks of a window that is all flight or all rest.
         shift: Frames that are left out at the beginning.
         cut: Where windows end.
     """
-    tick, flying = clock.tick, toss.phase == Phase.FLIGHT
+    tick, flying, length, long = clock.tick, toss.phase == Phase.FLIGHT, cut.length, cut.long
     poses, cov = toss.measured
     std = pose_std(cov)
     out = []

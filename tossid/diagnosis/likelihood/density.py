@@ -1,19 +1,16 @@
-"""Student's density of whitened residuals: its scale in groups of rows, and its logarithm, in one pass each (Numba)."""
+"""Student's density of whitened residuals, by which one chaotic impact does not decide: its deviance and its scale."""
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.kernels import fused_kernel
 from tossid.settings.diagnosis.likelihood import DensitySettings
 
 Array = NDArray[np.float64]
 
-_TURNS = 20
-"""Steps of a scale's fixed-point iteration."""
+_TURNS, _CONVERGED = 20, 1e-6
+"""Most steps of a scale's fixed-point iteration, and relative change of its square at which it ends."""
 _LEAST = 1e-12
 """Square of the least scale: tosses without noise have no residuals."""
 _MEDIAN = 0.55
@@ -41,53 +38,29 @@ def student_scales(residuals: Array, group: NDArray[np.int64], count: int, densi
         count: Number of groups.
         density: Student's degrees of freedom.
     """
-    out = np.ones(count)
-    _scales(np.ascontiguousarray(residuals), group, density.degrees_of_freedom, out)
-    return out
-
-
-@fused_kernel
-def _scales(residuals, group, nu, out):  # type: ignore[no-untyped-def]
-    W, L, K = residuals.shape
-    squares = np.empty(W * L * K)
-    for g in range(len(out)):
-        n = 0
-        for w in range(W):
-            for row in range(L):
-                if group[w, row] == g:
-                    for k in range(K):
-                        squares[n] = residuals[w, row, k] * residuals[w, row, k]
-                        n += 1
-        if n == 0:
-            continue
-        square = max(np.median(squares[:n]) / _MEDIAN, _LEAST)
+    nu, scales = density.degrees_of_freedom, np.ones(count)
+    for g in np.unique(group[group >= 0]):
+        squares = residuals[group == g].ravel() ** 2
+        square = max(float(np.median(squares)) / _MEDIAN, _LEAST)
         for _ in range(_TURNS):
-            total = 0.0
-            for i in range(n):
-                total += squares[i] / (nu * square + squares[i])
-            square = max((nu + 1.0) * square * total / n, _LEAST)
-        out[g] = max(1.0, math.sqrt(square))
+            before, square = square, max((nu + 1) * square * float(np.mean(squares / (nu * square + squares))), _LEAST)
+            if abs(square - before) < _CONVERGED * before:
+                break
+        scales[g] = max(1.0, square**0.5)
+    return scales
 
 
-@fused_kernel
-def log_densities(residuals, inside, scale, nu, out):  # type: ignore[no-untyped-def]
-    """Write the log density of windows, but for constants, into `out` (n,).
+def log_density(
+    residuals: Array, inside: NDArray[np.bool_], scale: Array, density: DensitySettings = DensitySettings()
+) -> Array:
+    """(n,) log density of windows, but for a constant an entry.
 
     Args:
         residuals: (n, L, K) whitened.
         inside: (n, L) whether a row exists.
         scale: (n, L) of each row.
-        nu: Student's degrees of freedom.
-        out: (n,).
+        density: Student's degrees of freedom.
     """
-    n, L, K = residuals.shape
-    for w in range(n):
-        total = 0.0
-        for row in range(L):
-            if inside[w, row]:
-                s, product = scale[w, row], 1.0
-                for k in range(K):
-                    ratio = residuals[w, row, k] / s
-                    product *= 1.0 + ratio * ratio / nu
-                total -= 0.5 * (nu + 1.0) * math.log(product) + K * math.log(s)
-        out[w] = total
+    deviance = student_deviance(residuals / scale[..., None], density).sum(2)
+    out: Array = -np.where(inside, 0.5 * deviance + residuals.shape[2] * np.log(scale), 0.0).sum(1)
+    return out

@@ -226,8 +226,6 @@ def make_windows(
     model: ObjectModel | None = None,
     *,
     settings: LikelihoodSettings = LikelihoodSettings(),
-    length: int | None = None,
-    long: int | None = None,
     shift: int = 0,
     flights: bool = True,
     scatter: tuple[float, float] | None = None,
@@ -241,31 +239,21 @@ def make_windows(
         model: The object, from whose flights windows of their own are made and from whose poses at rest a tracker's
             slow errors are estimated; without it there are neither.
         settings: Of the likelihood.
-        length: Most rows of a window, and ticks of one in contact; the settings' if None.
-        long: Ticks of a window that is all flight or all rest; the settings' if None.
         shift: Frames of each toss that are left out at its beginning, which shifts all windows.
         flights: Whether flights get windows of their own.
         scatter: Sizes of a tracker's slow errors [m], [rad], as other tosses show them; these tosses' own if None.
     """
     cut = settings.windows
-    length, long = (cut.length if length is None else length), (cut.long if long is None else long)
+    length, long = cut.length, cut.long
     dt = frame_time(tosses)
     most, K = max(length, long), tosses[0].v.shape[1]
     clocks = [FrameClock.of(toss, dt, min(cut.most_missing + 1, length), cut.time_step_tolerance) for toss in tosses]
-    cuts = [
-        (i, *each)
-        for i, (toss, clock) in enumerate(zip(tosses, clocks, strict=True))
-        for each in cut_consecutively(toss, clock, length, long, shift, cut)
-    ]
+    cuts = [(i, *each) for i, toss in enumerate(tosses) for each in cut_consecutively(toss, clocks[i], shift, cut)]
     consecutive = len(cuts)
+    if model is not None and flights:
+        cuts += [(i, *each) for i, toss in enumerate(tosses) for each in cut_flights(toss, clocks[i], model, cut)]
     if scatter is None:
         scatter = (0.0, 0.0) if model is None else rest_scatter(tosses, model)
-    if model is not None and flights:
-        cuts += [
-            (i, *each)
-            for i, (toss, clock) in enumerate(zip(tosses, clocks, strict=True))
-            for each in cut_flights(toss, clock, model, long, cut)
-        ]
     W = len(cuts)
     q, v, y = np.empty((W, K + 1)), np.empty((W, K)), np.empty((W, most, K + 1))
     y_noise, first_noise = np.empty((W, most, K)), np.empty((W, K))
