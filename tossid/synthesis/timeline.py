@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from tossid.errors import InputError
 from tossid.motion.segmentation import rest_frame
 from tossid.objects import ObjectModel, corner_heights, corner_positions
+from tossid.parallel import in_threads
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, right_jacobian_inv
 from tossid.settings.rendering import RenderSettings
 from tossid.settings.segmentation import SegmentSettings
@@ -231,8 +231,8 @@ def render_timeline(
     visible = np.full((*kept.shape, len(model.tags)), np.nan)
     jobs = [(i, c) for i in range(len(t)) for c in range(len(cameras))]
 
-    def draw(job: tuple[int, int], seed: np.random.SeedSequence) -> None:
-        i, c = job
+    def draw(job: tuple[tuple[int, int], np.random.SeedSequence]) -> None:
+        (i, c), seed = job
         camera = cameras[c]
         if not kept[i, c]:
             return
@@ -244,11 +244,10 @@ def render_timeline(
         writer.write(Frame(camera.name, float(t[i]) + filming.clocks.get(camera.name, 0.0), image))
 
     block = 32 * len(cameras)
-    with ThreadPoolExecutor(max_workers=threads, thread_name_prefix="render") as pool:
-        for first in range(0, len(jobs), block):
-            part = jobs[first : first + block]
-            for _ in pool.map(draw, part, seeds.spawn(len(part))):
-                pass
-            if progress is not None:
-                progress(len(part))
+    for first in range(0, len(jobs), block):
+        part = jobs[first : first + block]
+        for _ in in_threads(draw, list(zip(part, seeds.spawn(len(part)), strict=True)), threads):
+            pass
+        if progress is not None:
+            progress(len(part))
     return FilmTruth(kept, visible)

@@ -14,6 +14,7 @@ synthesis", 2000, section 6.1). GTSAM's covariances of single variables eliminat
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Protocol
@@ -21,6 +22,8 @@ from typing import Protocol
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from tossid.errors import SolverError
 from tossid.least_squares import Damping, search_damping
@@ -235,21 +238,15 @@ def _inverse(H: Array, place: dict[int, tuple[int, int, int]], first: int) -> Ar
 
 def _groups(own: list[int], factors: list[list[int]]) -> list[list[int]]:
     """The variables that are no shared ones, by which of them factors connect."""
-    parent = {key: key for key in own}
-
-    def root(key: int) -> int:
-        while parent[key] != key:
-            parent[key] = parent[parent[key]]
-            key = parent[key]
-        return key
-
-    for keys in factors:
-        mine = [key for key in keys if key in parent]
-        for key in mine[1:]:
-            parent[root(key)] = root(mine[0])
+    if not own:
+        return []
+    number = {key: i for i, key in enumerate(own)}
+    chains = ([number[key] for key in keys if key in number] for keys in factors)
+    ends = np.array([pair for chain in chains for pair in itertools.pairwise(chain)], dtype=np.int64).reshape(-1, 2).T
+    graph = coo_array((np.ones(ends.shape[1]), (ends[0], ends[1])), shape=(len(own), len(own)))
     groups: dict[int, list[int]] = {}
-    for key in own:
-        groups.setdefault(root(key), []).append(key)
+    for key, label in zip(own, connected_components(graph, directed=False)[1].tolist(), strict=True):
+        groups.setdefault(label, []).append(key)
     return list(groups.values())
 
 
