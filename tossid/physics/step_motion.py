@@ -101,33 +101,29 @@ def origin_velocity(model, work, s):  # type: ignore[no-untyped-def]
 
 
 @inlined_kernel
-def drift(q, v, h, nx, out):  # type: ignore[no-untyped-def]
-    """out = q moved along v for a time h; out may be q."""
-    for i in range(3):
-        out[i] = q[i] + h * v[i]
-    out[3], out[4], out[5], out[6] = turned(q[3], q[4], q[5], q[6], 0.5 * h * v[3], 0.5 * h * v[4], 0.5 * h * v[5])
-    for j in range(nx - 3):
-        out[7 + j] = q[7 + j] + h * v[6 + j]
-
-
-@inlined_kernel
 def between(old, new, mean):  # type: ignore[no-untyped-def]
     """The mean of two numbers if `mean`, else the new one."""
     return 0.5 * (old + new) if mean else new
 
 
 @inlined_kernel
+def drift(q, old, new, mean, h, nx, out):  # type: ignore[no-untyped-def]
+    """out = q moved along the velocity `new` or, if `mean`, (old + new) / 2, for a time h; out may be q."""
+    for i in range(3):
+        out[i] = q[i] + h * between(old[i], new[i], mean)
+    x, y, z = between(old[3], new[3], mean), between(old[4], new[4], mean), between(old[5], new[5], mean)
+    out[3], out[4], out[5], out[6] = turned(q[3], q[4], q[5], q[6], 0.5 * h * x, 0.5 * h * y, 0.5 * h * z)
+    for j in range(nx - 3):
+        out[7 + j] = q[7 + j] + h * between(old[6 + j], new[6 + j], mean)
+
+
+@inlined_kernel
 def move(model, s, h, mean):  # type: ignore[no-untyped-def]
     """s.q_next: s.q moved along v' or, if `mean`, along (v + v') / 2, for a time h. Whether the state is in bounds."""
-    q, v, v_next, q_next, size = s.q, s.v, s.v_next, s.q_next, 0.0
-    for i in range(3):
-        q_next[i] = q[i] + h * between(v[i], v_next[i], mean)
-    x, y, z = between(v[3], v_next[3], mean), between(v[4], v_next[4], mean), between(v[5], v_next[5], mean)
-    q_next[3], q_next[4], q_next[5], q_next[6] = turned(q[3], q[4], q[5], q[6], 0.5 * h * x, 0.5 * h * y, 0.5 * h * z)
-    for j in range(n_rates(model) - 3):
-        q_next[7 + j] = q[7 + j] + h * between(v[6 + j], v_next[6 + j], mean)
+    drift(s.q, s.v, s.v_next, mean, h, n_rates(model), s.q_next)
+    size = 0.0
     for i in range(4 + n_rates(model)):
-        size += abs(q_next[i])
+        size += abs(s.q_next[i])
     for i in range(3 + n_rates(model)):
-        size += abs(v_next[i])
+        size += abs(s.v_next[i])
     return size < RUNAWAY

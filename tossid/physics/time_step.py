@@ -256,7 +256,7 @@ def next_event(engine, work, s, corners, step, rest, strikes):  # type: ignore[n
             if midpoint:
                 for i in range(s.q.shape[0]):
                     s.q_next[i] = s.q[i]
-                drift(s.q, s.v, 0.5 * h, n_rates(model), s.q)
+                drift(s.q, s.v, s.v, False, 0.5 * h, n_rates(model), s.q)
     return Step(h, parts, struck, midpoint, low, regular)
 
 
@@ -371,8 +371,8 @@ def integrate(engine, work, s, corners, step, n, touched, out, toss, frame):  # 
             out.lam_n[toss, frame, c] += corners.V[LAM, 3 * i]
             corners.carried[c] += corners.V[LAM, 3 * i]
             steady = steady and abs(velocity(corners.tau, c, 0, s.u_start, s.xi_start, n_rates(model))) < STEADY
-    inside = move(model, s, 0.5 * step.h, False) if step.midpoint else move(model, s, step.h, not touched or steady)
-    if not (inside and step.regular):
+    mean = not step.midpoint and (not touched or steady)
+    if not (move(model, s, 0.5 * step.h if step.midpoint else step.h, mean) and step.regular):
         return False
     for i in range(s.q.shape[0]):
         s.q[i] = s.q_next[i]
