@@ -128,5 +128,5 @@ def judgement(seal: Opened) -> str:
     if seal.right:
         return "Named, and nothing else."
     if seal.value is None:
-        return "Missed: the effect was not named. docs/results/demo.md says how often that happens, and why."
+        return "Missed: the effect was not named. docs/results/demo.md says how often that happens."
     return f"Named, but not as it should be: with others, or off by more than {100 * WITHIN:.0f} % of the change."
