@@ -24,7 +24,6 @@ from tossid.physics.effects import World
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-MODE = "old"
 DAMPING = Damping(grow=10.0, fall=0.1, least=0.1)
 """Marquardt's, of each window's first state."""
 
@@ -228,19 +227,12 @@ class _Estimate:
             better, falls = cost < self.cost[rows], self.cost[rows] - cost > settings.least_decrease
             damping[rows] = DAMPING.each(damping[rows], better)
             index = rows[better]
-            if self._renews and MODE != "old":
-                change = self.residuals[index] - residuals[better]
-                d = np.clip(step, -most, most)[better]
-                dd = d / of_state(settings.difference, w.channels) ** 2
-                self.by_state[index] += (change - (self.by_state[index] @ d[..., None])[..., 0])[..., None] * (
-                    dd / np.maximum((d * dd).sum(1), 1e-300)[:, None]
-                )[:, None]
             w.at_q[index], w.at_v[index] = q[better], v[better]
             self.residuals[index], self.cost[index] = residuals[better], cost[better]
             again, rows = rows[better & falls], rows[falls | (~better & (damping[rows] < settings.most_damping))]
             if not len(rows):
                 break
-            if self._renews and turn < min(steps - 1, {"old": 99, "b0": 0, "b1": 1, "b2": 2}[MODE]):
+            if self._renews and turn < steps - 1:
                 self.renew(again)
 
     def renew(self, among: Index) -> Index:
