@@ -11,7 +11,6 @@ from __future__ import annotations
 import codecs
 import contextlib
 from collections.abc import Iterable, Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +48,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     if text.startswith(b"%YAML:"):
         text = b"#" + text[1:]
     try:
-        content = yaml.load(text, partial(_Loader, path))
+        content = _Loader(path, text).get_single_data()
     except FileError:
         raise
     except yaml.MarkedYAMLError as error:
