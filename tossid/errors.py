@@ -37,10 +37,10 @@ class TossidError(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         # errors come back from workers pickled; arguments of their own are in their text already
-        return _again, (type(self), self.args, self.__dict__)
+        return _restored, (type(self), self.args, self.__dict__)
 
 
-def _again(kind: type[TossidError], args: tuple[Any, ...], evidence: dict[str, Any]) -> TossidError:
+def _restored(kind: type[TossidError], args: tuple[Any, ...], evidence: dict[str, Any]) -> TossidError:
     """An error as it was, whatever it was made from."""
     error = kind.__new__(kind)
     error.args = args

@@ -93,13 +93,13 @@ def in_threads(
         no_longer_wanted: Called when no more are asked for, before those that are being made are waited for.
     """
     items = items if isinstance(items, Sequence) else list(items)
-    if n_threads == 1 or len(items) < 2 or _here.busy is not None:
+    if n_threads == 1 or len(items) < 2 or _thread.running is not None:
         yield from (function(item) for item in items)
         return
-    busy = _Busy()
+    running = _Running()
 
     def one(item: T) -> R:
-        with busy.one_more():
+        with running.one_more():
             return function(item)
 
     with ThreadPoolExecutor(n_threads) as pool:
@@ -109,8 +109,8 @@ def in_threads(
             no_longer_wanted()
 
 
-class _Busy:
-    """How many threads compute items of one `in_threads`."""
+class _Running:
+    """How many items of one `in_threads` are computed now."""
 
     def __init__(self) -> None:
         self.count, self._lock = 0, threading.Lock()
@@ -119,11 +119,11 @@ class _Busy:
     def one_more(self) -> Iterator[None]:
         """This thread computes an item until the block ends."""
         self._add(1)
-        _here.busy = self
+        _thread.running = self
         try:
             yield
         finally:
-            _here.busy = None
+            _thread.running = None
             self._add(-1)
 
     def _add(self, change: int) -> None:
@@ -131,13 +131,13 @@ class _Busy:
             self.count += change
 
 
-class _Here(threading.local):
-    """Of this thread: among which others it computes items."""
+class _ThreadState(threading.local):
+    """Of each thread: the items among which it computes one, if it does."""
 
-    busy: _Busy | None = None
+    running: _Running | None = None
 
 
-_here = _Here()
+_thread = _ThreadState()
 
 
 def threads_at_hand(n_threads: int) -> int:
@@ -149,7 +149,7 @@ def threads_at_hand(n_threads: int) -> int:
     Args:
         n_threads: Some threads.
     """
-    return n_threads if _here.busy is None else max(1, n_threads // _here.busy.count)
+    return n_threads if _thread.running is None else max(1, n_threads // _thread.running.count)
 
 
 def over_threads(part: Callable[[int, int], None], count: int, n_threads: int) -> None:

@@ -10,7 +10,7 @@ A covariance of q lives in the tangent space: position [m², world], rotation
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import lru_cache
 from typing import TypeVar, overload
@@ -201,18 +201,9 @@ class Toss:
 
     def frames(self, which: slice) -> Toss:
         """A stretch of it."""
-        return Toss(
-            self.name,
-            self.t[which],
-            self.q[which],
-            self.v[which],
-            self.q_cov[which],
-            self.v_cov[which],
-            self.phase[which],
-            self.split,
-            None if self.q_measured is None else self.q_measured[which],
-            None if self.q_measured_cov is None else self.q_measured_cov[which],
-        )
+        arrays = ("t", "q", "v", "q_cov", "v_cov", "phase", "q_measured", "q_measured_cov")
+        given = {name: getattr(self, name) for name in arrays}
+        return replace(self, **{name: array[which] for name, array in given.items() if array is not None})
 
 
 @dataclass(frozen=True, slots=True)
@@ -339,12 +330,13 @@ def check_motion(t: Array, q: Array, v: Array | None = None) -> None:
         raise MotionError(f"q has shape {q.shape}, expected ({len(t)}, 7 + joints)")
     if v is not None and v.shape != (len(t), q.shape[1] - 1):
         raise MotionError(f"v has shape {v.shape}, expected ({len(t)}, {q.shape[1] - 1})")
-    for name, values in (("time", t[:, None]), ("q", q), *((("v", v),) if v is not None else ())):
+    parts = [("time", t[:, None], VALUES.time), ("q", q, VALUES.position)]
+    parts += [("v", v, VALUES.velocity)] if v is not None else []
+    for name, values, _ in parts:
         bad = ~np.isfinite(values).all(axis=1)
         if bad.any():
             raise MotionError(f"{name} is not finite (NaN or infinity)", row=int(np.argmax(bad)))
-    largest = (("time", t[:, None], VALUES.time), ("q", q, VALUES.position))
-    for name, values, limit in (*largest, *((("v", v, VALUES.velocity),) if v is not None else ())):
+    for name, values, limit in parts:
         bad = (np.abs(values) > limit).any(axis=1)
         if bad.any():
             row = int(np.argmax(bad))
