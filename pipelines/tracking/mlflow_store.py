@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import logging
 import os
+import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
@@ -42,6 +43,7 @@ _KIND = {"mlflow.experimentKind": "custom_model_development"}
 
 The page of 3.17 goes by a switch of its own, which the browser remembers (docs/guide/train.md).
 """
+_DAMAGED = "MLflow's store is damaged; move it away, and the next command makes a new one"
 _ADVICE = "start it, or unset the variable to track in this folder"
 
 
@@ -102,6 +104,7 @@ def _opened(uri: str, database: Path) -> MlflowClient:
 
     if database.exists():
         budget.regular_size(database)
+        _check_file(database)
     try:
         client = MlflowClient(uri)
         client.search_experiments(max_results=1)
@@ -109,11 +112,25 @@ def _opened(uri: str, database: Path) -> MlflowClient:
         if "database schema" in str(error):
             said = f"another version of MLflow made this store; after a copy is made, 'mlflow db upgrade {uri}'"
             raise FileError(database, f"{said} brings it to this version's form") from error
-        if "malformed" in str(error) or "not a database" in str(error):  # (SQLite's words; MLflow wraps its errors)
-            said = "MLflow's store is damaged; move it away, and the next command makes a new one"
-            raise FileError(database, said) from error
+        if "malformed" in str(error):  # (SQLite's word; MLflow wraps its errors)
+            raise FileError(database, _DAMAGED) from error
         raise
     return client
+
+
+def _check_file(database: Path) -> None:
+    """See whether SQLite can read a store; MLflow would try it ten times, for 100 s.
+
+    Raises:
+        FileError: The file is damaged.
+    """
+    try:
+        with closing(sqlite3.connect(database)) as store:
+            store.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    except sqlite3.OperationalError:  # another process holds it, or it may not be opened: MLflow waits, or says so
+        return
+    except sqlite3.DatabaseError as error:
+        raise FileError(database, _DAMAGED) from error
 
 
 def is_remote(client: MlflowClient) -> bool:

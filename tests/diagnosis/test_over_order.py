@@ -101,8 +101,8 @@ def test_a_step_is_fitted_beside_what_all_tosses_have(cube: ObjectModel) -> None
     same = EFFECTS["com_offset"].at(with_effect(cube, "friction", [0.26]), np.array([0.004, 0.0, -0.004]))
     tilted = EFFECTS["world_tilt"].at(same, np.array([0.03, -0.02]))
     library = tuple(EFFECTS[name] for name in ("world_tilt", "friction", "length_scale", "uniform_force", "com_offset"))
-    tosses = tosses_of([same] * 8 + [tilted] * 8, cube)
-    undone = without_changes(Problem(tosses, Hypothesis(World(cube)), library=library, sessions=("t8",)).in_order())
+    tosses = tosses_of([same] * 12 + [tilted] * 12, cube)
+    undone = without_changes(Problem(tosses, Hypothesis(World(cube)), library=library, sessions=("t12",)).in_order())
     (change,) = undone.changes
     assert set(undone.found.hypothesis.names) == {"com_offset", "friction"}
     np.testing.assert_allclose(change.values[0], 0.0, atol=2e-4)

@@ -8,7 +8,6 @@ import pytest
 from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.inference.conftest import FRICTION
 from tests.diagnosis.tossed import seen, with_effect
-from tossid.diagnosis.inference.columns import sums
 from tossid.diagnosis.inference.final_values import (
     DEGREES,
     FINER,
@@ -53,10 +52,9 @@ def test_a_root_is_found_from_off_it(cube: ObjectModel) -> None:
     problem = problem_with(cube, "friction", [FRICTION])
     off = problem.stated.plus(EFFECTS["friction"], np.array([FRICTION + 0.003]))
     evidence = problem.sample.evidence(off)
-    root, J = root_of(fit(evidence, off, n=len(problem.tosses), iterations=0), evidence)
-    columns = sums(root, J, len(problem.tosses))
-    error = np.sqrt(np.diag(columns.covariance()))
-    assert abs(columns.step() / error)[0] < 3 * NEAR
+    root = root_of(fit(evidence, off, n=len(problem.tosses), iterations=0), evidence)
+    error = np.sqrt(np.diag(root.columns.covariance()))
+    assert abs(root.columns.step() / error)[0] < 3 * NEAR
     assert abs(root.hypothesis.flat()[0] - FRICTION) < 0.5 * abs(off.flat()[0] - FRICTION)
 
 

@@ -18,9 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.inference.columns import slopes, sums
 from tossid.diagnosis.inference.evidence import Evidence
-from tossid.diagnosis.inference.fitting import REUSED, Fit
+from tossid.diagnosis.inference.fitting import Fit, fit
 from tossid.diagnosis.inference.found import Found
 from tossid.diagnosis.inference.sample import Sample
 
@@ -64,39 +63,32 @@ def final_values(found: Found, shifted: Iterable[Sample]) -> FinalValues:
         return FinalValues(found, {})
     placements = [fitted.evidence, *(sample.evidence(h) for sample in shifted)]
     roots = [root_of(fitted, each) for each in placements]
-    values = np.array([evidence.hypothesis.flat() for evidence, _ in roots])
-    evidence, J = roots[0]
-    mean = evidence.relinearised(h.at(values.mean(0)))
-    fit = replace(fitted, evidence=mean, columns=sums(mean, J, fitted.n))
+    values = np.array([root.hypothesis.flat() for root in roots])
+    held, at_mean = found.flown, h.at(values.mean(0))
+    mean = fit(roots[0].evidence, at_mean, n=fitted.n, iterations=0, held=held, sizes=roots[0].sizes)
     of_mean = values.var(0, ddof=1) / len(values)
-    return FinalValues(replace(found, fit=fit), {name: of_mean[h.place_of(name)] for name in contact})
+    return FinalValues(replace(found, fit=mean), {name: of_mean[h.place_of(name)] for name in contact})
 
 
-def root_of(fitted: Fit, evidence: Evidence) -> tuple[Evidence, Array]:
+def root_of(fitted: Fit, evidence: Evidence) -> Fit:
     """The root of the estimating equations near a fit, by undamped scoring steps with first states that follow.
-
-    The derivatives that weigh residuals stay as they are while the values move by less than a standard error: a root
-    is unbiased whatever weighs them.
 
     Args:
         fitted: Where to begin, which parameters are free, and how wide differences are.
         evidence: Of the same hypothesis, in windows that may begin elsewhere.
-
-    Returns:
-        The evidence there, and the derivatives (W, L, K, C) of whitened residuals.
     """
-    at, J, size = with_finer_steps(evidence), np.empty(0), np.inf
+    held = frozenset(fitted.hypothesis.names) - {fitted.hypothesis.owners[j] for j in fitted.free}
+    at = fit(
+        with_finer_steps(evidence), evidence.hypothesis, n=fitted.n, iterations=0, held=held, sizes=fitted.widths()
+    )
     for _ in range(STEPS):
-        if size > REUSED:
-            J = slopes(at, at.hypothesis, fitted.free, fitted.widths())
-        columns = sums(at, J, fitted.n)
-        step = columns.step()
-        size = float(np.abs(step / np.sqrt(np.diag(columns.covariance()))).max())
+        step = at.columns.step()
+        size = float(np.abs(step / np.sqrt(np.diag(at.columns.covariance()))).max())
         if size < NEAR:
             break
-        here = replace(fitted, evidence=at, columns=columns)
-        at = at.relinearised(here.moved(step * min(1.0, FARTHEST / size)), steps=2)
-    return at, J
+        moved = at.moved(step * min(1.0, FARTHEST / size))
+        at = fit(at.evidence, moved, n=at.n, iterations=0, held=held, follow=2, sizes=at.widths())
+    return at
 
 
 def with_finer_steps(evidence: Evidence) -> Evidence:
