@@ -5,10 +5,11 @@ Usage: python install.py ARGUMENTS OF PIP INSTALL
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import time
-from pathlib import Path
+from contextlib import suppress
 
 EVERY_S = 5.0
 """Seconds between two lines."""
@@ -35,8 +36,12 @@ def main(arguments: list[str]) -> int:
 
 def megabytes() -> float:
     """Size of the environment [MB]."""
-    found = (path.lstat().st_size for path in Path(sys.prefix).rglob("*") if not path.is_symlink() and path.is_file())
-    return 1e-6 * sum(found)
+    total = 0
+    for folder, _, names in os.walk(sys.prefix):  # (it passes over folders that pip removes meanwhile)
+        for name in names:
+            with suppress(FileNotFoundError):
+                total += os.lstat(os.path.join(folder, name)).st_size
+    return 1e-6 * total
 
 
 def say(line: str) -> None:
