@@ -20,6 +20,14 @@ def test_nothing_that_was_computed_before_changes_it(slippery: Sample, stated: H
     assert np.array_equal(once.windows.at_v, again.windows.at_v)
 
 
+def test_windows_that_feel_no_difference_may_be_taken_over(slippery: Sample, stated: Hypothesis) -> None:
+    known, right = collect(slippery.windows, stated), stated.plus(EFFECTS["friction"], np.array([FRICTION]))
+    taken, anew = collect(slippery.windows, right, known=known), collect(slippery.windows, right)
+    assert not slippery.windows.feels(right.world(), stated.world()).all()
+    np.testing.assert_allclose(taken.log_likelihood, anew.log_likelihood, atol=1e-4)
+    np.testing.assert_allclose(taken.windows.at_v, anew.windows.at_v, atol=1e-6)
+
+
 def test_no_other_toss_changes_it(slippery: Sample, stated: Hypothesis) -> None:
     whole, some = slippery.evidence(stated), np.array([7, 2, 5])
     part = slippery.of_tosses(some).evidence(stated)
