@@ -149,15 +149,14 @@ def in_mujoco(mjcf: Path, toss: Toss) -> Rollout:
         toss: As measured.
     """
     from tossid.diagnosis.likelihood.engine_discrepancy import MujocoWorld
-    from tossid.diagnosis.localisation.rollouts import first_states
+    from tossid.diagnosis.localisation.rollouts import at_frames, first_states
     from tossid.diagnosis.simulators import world_of_mjcf
     from tossid.objects.files.model_file import read_model_file
     from tossid.types import Rollout, frame_time
 
     world, _ = world_of_mjcf(mjcf, width=load_object("cube").width)
-    (q0, v0), dt = first_states([toss], world), frame_time([toss])
-    at = toss.ticks(dt)
-    q = MujocoWorld(read_model_file(mjcf).compiled(), world).roll_out(q0, v0, n_steps=at[-1:], dt=dt)[0, at]
+    simulated = MujocoWorld(read_model_file(mjcf).compiled(), world)
+    (q,) = at_frames([toss], first_states([toss], world), frame_time([toss]), simulated.roll_out)
     return Rollout(toss.t, q, np.full_like(toss.v, np.nan), np.zeros((len(toss), 8)))
 
 

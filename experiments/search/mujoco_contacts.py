@@ -23,7 +23,7 @@ from experiments.search.mujoco_models import MODEL, TOSSES, drawn
 from tossid.diagnosis.inference.hypothesis import COULOMB, Hypothesis
 from tossid.diagnosis.likelihood.engine_discrepancy import MujocoWorld
 from tossid.diagnosis.likelihood.windows import make_windows
-from tossid.diagnosis.localisation.rollouts import distances, first_states, toss_errors
+from tossid.diagnosis.localisation.rollouts import at_frames, distances, first_states, toss_errors
 from tossid.diagnosis.patch.make import make_patch
 from tossid.diagnosis.simulators import read_simulator
 from tossid.motion.resting import rest_scatter
@@ -52,14 +52,12 @@ def compared(case: int) -> None:
         for name, values in truth.items():
             true = true.plus(library[name], library[name].values_with(true.world(), values))
         patched = make_patch(true, mjcf=path).model
-    world, dt = true.world(), windows.dt
+    world = true.world()
     first = first_states(tosses, world, windows, n_threads=1)
-    ticks = [toss.ticks(dt) for toss in tosses]
     level = replace(world, ground_height=0.0, ground_tilt=(0.0, 0.0))  # the model has its own ground
 
     def errors(scene: mujoco.MjModel) -> str:
-        run = MujocoWorld(scene, level).roll_out(*first, n_steps=np.array([each[-1] for each in ticks]), dt=dt)
-        motions = [poses[each] for poses, each in zip(run, ticks, strict=True)]
+        motions = at_frames(tosses, first, windows.dt, MujocoWorld(scene, level).roll_out)
         return "{:.2f} % {:.2f} deg".format(*np.nanmean(distances(motions, [t.q for t in tosses], model.width), axis=0))
 
     exact = np.nanmean(toss_errors(tosses, world, windows, n_threads=1), axis=0)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,12 +63,24 @@ def whole_motions(
         windows: Of these tosses.
         n_threads: Of the simulator.
     """
-    dt = windows.dt
-    ticks = [toss.ticks(dt) for toss in tosses]
-    steps = np.array([each[-1] for each in ticks])
     how = steps_of(world, windows.settings.simulation)
-    run = world.roll_out(*first, n_steps=steps, dt=dt, **how, n_threads=n_threads)
-    return [run[row, each] for row, each in enumerate(ticks)]
+    return at_frames(tosses, first, windows.dt, partial(world.roll_out, **how, n_threads=n_threads))
+
+
+def at_frames(
+    tosses: Sequence[Toss], first: tuple[Array, Array], dt: float, roll_out: Callable[..., Array]
+) -> list[Array]:
+    """Poses (n, nq) of each toss's frames, of motions of any simulator from given first states.
+
+    Args:
+        tosses: B, whose frames count.
+        first: (B, nq) poses and (B, nv) velocities.
+        dt: Between ticks [s].
+        roll_out: Of the simulator, called with first poses and velocities, `n_steps` (B,) and `dt`.
+    """
+    ticks = [toss.ticks(dt) for toss in tosses]
+    runs = roll_out(*first, n_steps=np.array([each[-1] for each in ticks]), dt=dt)
+    return [poses[each] for poses, each in zip(runs, ticks, strict=True)]
 
 
 def rolled_out(

@@ -17,7 +17,7 @@ from tossid.diagnosis.inference.brings import Runs
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.likelihood.engine_discrepancy import MujocoWorld
-from tossid.diagnosis.localisation.rollouts import distances, first_states
+from tossid.diagnosis.localisation.rollouts import at_frames, distances, first_states
 from tossid.diagnosis.patch.make import make_patch
 from tossid.types import Toss
 
@@ -49,16 +49,13 @@ def _runs(mjcf: Path | None, hypothesis: Hypothesis, tosses: Sequence[Toss], sam
     most = max(1, int(MOST_SECONDS / np.mean([toss.t[-1] - toss.t[0] for toss in tosses])))
     some = np.unique(np.linspace(0, len(tosses) - 1, min(most, len(tosses))).astype(int))
     run_of = [tosses[i] for i in some.tolist()]
-    dt = sample.windows.dt
-    ticks = [toss.ticks(dt) for toss in run_of]
-    q0, v0 = first_states(run_of, world, sample.of_tosses(some).windows, n_threads=sample.n_threads)
+    first = first_states(run_of, world, sample.of_tosses(some).windows, n_threads=sample.n_threads)
     # the model has its own ground
     simulated = MujocoWorld(patch.model, replace(world, ground_height=0.0, ground_tilt=(0.0, 0.0)))
-    steps = np.array([each[-1] for each in ticks])
-    run = simulated.roll_out(q0, v0, n_steps=steps, dt=dt, n_threads=sample.n_threads)
+    roll_out = partial(simulated.roll_out, n_threads=sample.n_threads)
     out = [np.full_like(toss.q, np.nan) for toss in tosses]
-    for i, poses, each in zip(some.tolist(), run, ticks, strict=True):
-        out[i] = poses[each]
+    for i, poses in zip(some.tolist(), at_frames(run_of, first, sample.windows.dt, roll_out), strict=True):
+        out[i] = poses
     return out
 
 
