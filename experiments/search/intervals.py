@@ -55,7 +55,7 @@ def case(model: ObjectModel, name: str, seed: int) -> dict[str, Any]:
     fitted = sample.refitted(sample.evidence(h), h, iterations=6)
     fitted = sample.refitted(fitted.evidence, fitted.hypothesis, iterations=4)
     found = Found(sample.evidence(problem.stated), fitted, None, ())
-    final = final_values(found, map(problem.shifted, SHIFTS))
+    final = final_values(found, [sample, *map(problem.shifted, SHIFTS)])
     before, after = dict[str, Interval](), dict[str, Interval]()
     for effect_name in h.names:
         before |= fitted.intervals(effect_name)

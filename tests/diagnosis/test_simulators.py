@@ -103,7 +103,7 @@ def test_an_mjcf_file_is_read_as_a_world(cube: ObjectModel, tmp_path: Path) -> N
     found = read_simulator(str(tmp_path / "mine.xml"), cube)
     assert (found.kind, found.mjcf) == ("mjcf", tmp_path / "mine.xml")
     assert [law.name for law in (found.law, *found.laws)] == ["own", "coulomb", "routh", "relaxed"]
-    assert found.law.engine.model is not None
+    assert found.law.engine.patched is not None
     world = found.world
     assert world.gravity == pytest.approx(9.7)
     assert world.forces.x == pytest.approx(0.37 * 0.37)

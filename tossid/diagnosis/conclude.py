@@ -138,7 +138,7 @@ def _concluded(recorded: Problem, first: Evidence, undone: Undone, engine: Engin
     """What follows from a search: of the tosses as recorded, and without the changes of their recording."""
     problem, under_way, repeats = undone.problem, undone.problem.under_way, recorded.settings.repeats
     tosses, sample, threads, seed = problem.tosses, problem.sample, problem.n_threads, problem.seed
-    final = final_values(undone.found, map(problem.shifted, SHIFTS))
+    final = final_values(undone.found, [sample, *map(problem.shifted, SHIFTS)])
     found, h, numbers = final.found, final.found.hypothesis, np.arange(len(tosses))
     floor, searched = noise_floor(sample.windows), undone.found.fit.evidence  # with the time steps of `first`
     folds = _folds(problem, found, repeats)

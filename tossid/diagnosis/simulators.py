@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ from tossid.diagnosis.likelihood.simulator_process import BatchFunction, FromFil
 from tossid.diagnosis.likelihood.step_changes import State
 from tossid.diagnosis.likelihood.users_world import UsersWorld
 from tossid.diagnosis.likelihood.windows import steps_of
+from tossid.diagnosis.patch.make import patched_model
 from tossid.errors import InputError, brief
 from tossid.objects import ObjectModel, load_object, need_stated
 from tossid.objects.files.friction import colliding_geoms, combined_words, contact_friction
@@ -156,11 +158,10 @@ def _trained(given: Any, recorded: ObjectModel) -> Simulator:
 @reader("mjcf", lambda given: isinstance(given, (str, Path)))
 def _mjcf(given: Any, recorded: ObjectModel) -> Simulator:
     path = Path(given)
-    world, engine = world_of_mjcf(path, width=recorded.width if recorded.is_stated else None)
-    assert engine.model is not None
-    grounds, own_geoms = colliding_geoms(engine.model)
-    reads = combined_words(engine.model, grounds[0], own_geoms[0])
-    own = replace(RELAXED, name="own", engine=engine)
+    world, model = world_of_mjcf(path, width=recorded.width if recorded.is_stated else None)
+    grounds, own_geoms = colliding_geoms(model)
+    reads = combined_words(model, grounds[0], own_geoms[0])
+    own = replace(RELAXED, name="own", engine=Engine(partial(patched_model, mjcf=path)))
     return Simulator("mjcf", f"the MuJoCo model {path}", world, (own, COULOMB, ROUTH, RELAXED), path, reads=reads)
 
 
@@ -228,8 +229,8 @@ def world_of_model(model: DynamicsModel) -> World:
     )
 
 
-def world_of_mjcf(path: Path, *, width: float | None) -> tuple[World, Engine]:
-    """The world of a user's MuJoCo model with contact as if it were rigid, and the model itself as the other engine.
+def world_of_mjcf(path: Path, *, width: float | None) -> tuple[World, mujoco.MjModel]:
+    """The world of a user's MuJoCo model with contact as if it were rigid, and the model itself.
 
     Args:
         path: The MJCF file: one free body, and the ground as a plane.
@@ -258,7 +259,7 @@ def world_of_mjcf(path: Path, *, width: float | None) -> tuple[World, Engine]:
         ground_height=float(m.geom_pos[ground] @ normal),
         ground_tilt=_tilt_of(normal),
     )
-    return world, Engine(m, world)
+    return world, m
 
 
 def _tilt_of(normal: np.ndarray) -> tuple[float, float]:

@@ -51,6 +51,17 @@ def test_flight_finds_the_centre_of_mass_and_contact_tells_it_from_the_frame(
     assert not rivals["body_frame_offset"].is_alike
 
 
+@pytest.mark.parametrize("seed", [4, 7])
+def test_of_two_that_no_likelihood_tells_apart_the_library_first_one_stands(
+    cube: ObjectModel, sample_of: Callable[..., Sample], searched: Callable[[Sample], Found], seed: int
+) -> None:
+    """Rigid contact has no unit of time: a clock does what gravity does, whichever noise makes likelier."""
+    found = searched(sample_of(World(cube, gravity=10.2), seed=seed))
+    assert found.hypothesis.names == ("gravity",)
+    assert found.hypothesis.flat()[0] == pytest.approx(10.2, abs=0.02)
+    assert "time_base" in {rival.effect.name for rival in found.alike("gravity")}
+
+
 def test_effects_of_flight_and_of_contact_are_both_named(
     cube: ObjectModel, sample_of: Callable[..., Sample], searched: Callable[[Sample], Found]
 ) -> None:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen
+from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.likelihood.engine_discrepancy import Engine, MujocoWorld, comparable
 from tossid.diagnosis.likelihood.windows import Windows, make_windows
+from tossid.diagnosis.simulators import read_simulator
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Forces, World
-from tossid.physics.effects.in_mujoco import scene
+from tossid.physics.effects.in_mujoco import scene, scene_text
 
 
 @pytest.fixture(scope="module")
@@ -47,11 +52,27 @@ def test_a_model_of_another_state_is_refused(cube: ObjectModel, elbow: ObjectMod
 
 
 def test_engines_differ_in_contact_alone(cube: ObjectModel, windows: Windows) -> None:
-    found = Engine().difference(windows, World(cube))
+    found = Engine().difference(windows, Hypothesis(World(cube)))
     assert found.expected == 0.0
     assert not found.values[windows.free | windows.steady].any()
     size = (np.abs(found.values) / windows.noise).max(axis=(1, 2))
     assert (size > 1).any()
+
+
+def test_the_evidence_under_a_users_engine_is_that_of_the_users_model_with_the_changes_in_it(
+    cube: ObjectModel, windows: Windows, tmp_path: Path
+) -> None:
+    (tmp_path / "cube.xml").write_text(scene_text(cube, gravity=9.81, step=4e-4))
+    simulator = read_simulator(str(tmp_path / "cube.xml"), cube)
+    h = Hypothesis(simulator.world, simulator.law).plus(EFFECTS["friction"], np.array([0.3]))
+    found = h.law.engine.difference(windows, h)
+    assert found.expected == 1.0
+    # ours and what is expected once are what MuJoCo makes of the model whose friction is 0.3
+    theirs = MujocoWorld(scene(World(cube.with_changes(friction=0.3)), 4e-4), World(cube))
+    n_steps, dt = windows.steps, windows.dt
+    run = theirs.roll_out(windows.at_q, windows.at_v, n_steps=n_steps, dt=dt)[:, 1:]
+    ours = windows.residuals(windows.predicted(h.world()))
+    np.testing.assert_allclose(ours - found.values, windows.residuals(run), atol=1e-6)
 
 
 def test_what_engines_compare_has_no_force_and_rigid_contact(cube: ObjectModel) -> None:

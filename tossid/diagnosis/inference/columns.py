@@ -61,6 +61,14 @@ class Columns:
         index = np.asarray(index, dtype=int)
         return Columns(self.H[:, index[:, None], index], self.g[:, index], self.curvature)
 
+    def scaled(self, factors: Array) -> Columns:
+        """The columns times a factor each.
+
+        Args:
+            factors: (C,) these.
+        """
+        return Columns(self.H * factors[:, None] * factors, self.g * factors, self.curvature)
+
     def of_tosses(self, first: int, stop: int) -> Columns:
         """The columns of tosses from one to before another.
 

@@ -136,8 +136,8 @@ class Evidence:
             predicted = self.windows.predicted(world, index=felt, n_threads=self.n_threads)
             out[felt] = self.windows.residuals(predicted, felt)
         engine = hypothesis.law.engine
-        if self.difference is not None and engine.model is not self.hypothesis.law.engine.model:
-            other = engine.difference(self.windows, world, n_threads=self.n_threads)
+        if self.difference is not None and engine.patched is not self.hypothesis.law.engine.patched:
+            other = engine.difference(self.windows, hypothesis, n_threads=self.n_threads)
             out += self.difference.expected * self.difference.values - other.expected * other.values
         self._last[:] = [(hypothesis, out)]
         return out
@@ -234,7 +234,7 @@ def collect(windows: Windows, hypothesis: Hypothesis, *, known: Evidence | None 
     kept, whitening, raw = linearise(begin, world, steps=STATE_STEPS, restarts=RESTARTS, n_threads=n_threads)
     difference = None
     if not engine.none:
-        difference = engine.difference(kept, world, n_threads=n_threads)
+        difference = engine.difference(kept, hypothesis, n_threads=n_threads)
         kept, whitening, raw = relinearise(
             kept, world, whitening, steps=2, residuals=raw, difference=difference, n_threads=n_threads
         )

@@ -1,13 +1,20 @@
-"""The values that are reported: roots of the estimating equations, over where windows begin, at fine time steps.
+"""Final values: the roots of the estimating equations, found over a range in which contact's roughness averages out.
 
-A search simulates two steps a frame, and its fits end where no step gains. Contact makes a likelihood rough, so such a
-place is only near the root of the estimating equations sum_i J_i^T W_i e_i = 0. The jackknife's covariance is that of
-the root. So the found hypothesis is taken there by undamped scoring steps (Fisher scoring; J are differences two
-standard errors wide either way, which average the roughness), with time steps a quarter as long.
+A fit ends where no step gains. Contact makes a likelihood rough, so that place is only near the root of the estimating
+equations sum_i J_i^T W_i e_i = 0, whose step d(theta) = -(sum H)^-1 sum g is zero. Two things keep a further step from
+reaching it. First states follow parameters from one mode of an impact to another, which no derivative shows: where
+theta is off by one, d is not one but a share a of it, often a quarter. And each mode that changes moves d by about a
+standard error, as noise.
+
+So d is computed from the full evidence at both ends of a range that is wide beside this noise, and
+
+    a = -(d(theta + w) - d(theta - w)) / 2 w,    root = theta + (d(theta + w) + d(theta - w)) / 2 a.
+
+With a, the derivatives J are a J: the jackknife's covariance of the root is larger by 1 / a^2.
 
 What a window's uncertain first state takes up, and what a parameter does, depends on which frames are in one window
-with an impact, alike in all tosses. No resampling of tosses shows that. So roots are found in windows that begin in
-three places. Their mean is reported, and its variance joins that over tosses.
+with an impact, alike in all tosses. No resampling of tosses shows that. So d is computed in windows that begin in
+three places. The mean of the three roots is reported, and its variance joins that over tosses.
 """
 
 from __future__ import annotations
@@ -31,10 +38,12 @@ DEGREES = len(SHIFTS)
 """Degrees of freedom of the variance over these and the windows of the search."""
 FINER = 4
 """Time steps of the final values over those of the search."""
-STEPS = 4
-"""Most scoring steps: roots are found to a tenth of a standard error in two to four."""
-NEAR, FARTHEST = 0.1, 3.0
-"""Standard errors at which a root is found, and that a step goes at most."""
+APPROACH, FARTHEST = 2.0, 6.0
+"""Multiple of d by which each place of the windows comes nearer to the root first, and standard errors at most."""
+RANGE = 8.0
+"""Half of the range, in standard errors, each parameter at either end by a random sign."""
+LEAST_SHARE = 0.15
+"""Of a parameter's change that d is at least: less is noise of a."""
 
 
 @dataclass(frozen=True)
@@ -50,54 +59,62 @@ class FinalValues:
     variance: Mapping[str, Array]
 
 
-def final_values(found: Found, shifted: Iterable[Sample]) -> FinalValues:
+def final_values(found: Found, samples: Iterable[Sample]) -> FinalValues:
     """The final values of a found hypothesis.
 
     Args:
         found: By a search. What flight has determined has windows of its own, and keeps its values.
-        shifted: The same tosses in windows that begin elsewhere.
+        samples: The same tosses in windows that begin in different places.
     """
-    h, fitted = found.hypothesis, found.fit
+    h = found.hypothesis
     contact = [name for name in h.names if name not in found.flown]
     if not contact:
         return FinalValues(found, {})
-    placements = [fitted.evidence, *(sample.evidence(h) for sample in shifted)]
-    roots = [root_of(fitted, each) for each in placements]
-    values = np.array([root.hypothesis.flat() for root in roots])
-    held, at_mean = found.flown, h.at(values.mean(0))
-    mean = fit(roots[0].evidence, at_mean, n=fitted.n, iterations=0, held=held, sizes=roots[0].sizes)
-    of_mean = values.var(0, ddof=1) / len(values)
-    return FinalValues(replace(found, fit=mean), {name: of_mean[h.place_of(name)] for name in contact})
+    free, samples = list(found.fit.free), list(samples)
+
+    def at(sample: Sample, flat: Array) -> Fit:
+        """The estimating equations at some values, by the full evidence."""
+        evidence = precise(sample.evidence(h.at(flat)))
+        return fit(evidence, evidence.hypothesis, n=sample.n, iterations=0, held=found.flown, sizes=found.fit.widths())
+
+    flat = h.flat()
+    for sample in samples:
+        there = at(sample, flat)
+        step = APPROACH * there.columns.step()
+        flat = there.moved(step * min(1.0, FARTHEST / np.abs(step / _errors(there)).max())).flat()
+    rng, w = np.random.default_rng(0), np.zeros(len(flat))
+    shares, steps = np.empty((2, len(samples), len(free)))
+    for k, sample in enumerate(samples):
+        w[free] = rng.choice([-RANGE, RANGE], len(free)) * _errors(there) * h.steps[free]
+        # (where a bound is in the way, the ends are nearer)
+        ends = [at(sample, flat + w), at(sample, flat - w)]
+        high, low = (end.columns.step() for end in ends)
+        apart = (ends[0].hypothesis.flat() - ends[1].hypothesis.flat())[free] / h.steps[free]
+        middle = 0.5 * (ends[0].hypothesis.flat() + ends[1].hypothesis.flat() - 2 * flat)[free] / h.steps[free]
+        shares[k], steps[k] = -(high - low) / apart, middle + 0.5 * (high + low)
+    share = np.clip(shares.mean(0), LEAST_SHARE, 1.0)
+    roots = flat + np.zeros((len(samples), 1))
+    roots[:, free] += steps / share * h.steps[free]
+    mean = at(samples[0], roots.mean(0))
+    of_mean = roots.var(0, ddof=1) / len(roots)
+    fitted = replace(mean, columns=mean.columns.scaled(share))
+    return FinalValues(replace(found, fit=fitted), {name: of_mean[h.place_of(name)] for name in contact})
 
 
-def root_of(fitted: Fit, evidence: Evidence) -> Fit:
-    """The root of the estimating equations near a fit, by undamped scoring steps with first states that follow.
+def _errors(at: Fit) -> Array:
+    """(len(free),) standard errors by the jackknife, in declared steps."""
+    return np.asarray(np.sqrt(np.diag(at.columns.covariance())))
+
+
+def precise(evidence: Evidence) -> Evidence:
+    """The evidence of the same hypothesis as shorter time steps make it, whose first states follow.
 
     Args:
-        fitted: Where to begin, which parameters are free, and how wide differences are.
-        evidence: Of the same hypothesis, in windows that may begin elsewhere.
-    """
-    held = frozenset(fitted.hypothesis.names) - {fitted.hypothesis.owners[j] for j in fitted.free}
-    at = fit(
-        with_finer_steps(evidence), evidence.hypothesis, n=fitted.n, iterations=0, held=held, sizes=fitted.widths()
-    )
-    for _ in range(STEPS):
-        step = at.columns.step()
-        size = float(np.abs(step / np.sqrt(np.diag(at.columns.covariance()))).max())
-        if size < NEAR:
-            break
-        moved = at.moved(step * min(1.0, FARTHEST / size))
-        at = fit(at.evidence, moved, n=at.n, iterations=0, held=held, follow=2, sizes=at.widths())
-    return at
-
-
-def with_finer_steps(evidence: Evidence) -> Evidence:
-    """The evidence of the same hypothesis with shorter time steps, whose first states follow.
-
-    Args:
-        evidence: With the time steps of a search.
+        evidence: With the time steps of a search. Its difference to a user's engine makes up for these, if it has one.
     """
     windows, h = evidence.windows, evidence.hypothesis
+    if h.law.engine.patched is not None:
+        return evidence
     coarse = windows.settings.simulation
     parts = max(coarse.compliant_impact_parts // FINER, coarse.impact_parts)
     simulation = replace(coarse, substeps=FINER * coarse.substeps, compliant_impact_parts=parts)

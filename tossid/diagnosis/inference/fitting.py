@@ -26,8 +26,6 @@ FURTHER = 3
 """How often a step that gains is doubled: first states that have not followed yet hold it back."""
 NARROWEST, WIDEST = 0.5, 8.0
 """Central differences, in a parameter's declared steps: contact is rough at scales that no toss resolves."""
-REUSED = 1.0
-"""Standard errors by which values may move before derivatives are computed anew."""
 CONVERGED = 0.05
 """Change in standard errors, and gain, at which a fit ends."""
 
@@ -166,9 +164,8 @@ def fit(
     evidence = near if start is near.hypothesis else near.relinearised(start, steps=follow)
     free = tuple(j for j, owner in enumerate(start.owners) if owner not in held)
     sizes = np.full(len(start.flat()), WIDEST) if sizes is None else sizes.copy()
-    J = slopes(evidence, start, free, sizes)
-    columns = sums(evidence, J, n)
-    for turn in range(iterations):
+    columns = sums(evidence, slopes(evidence, start, free, sizes), n)
+    for _ in range(iterations):
         sizes = Fit(evidence, columns, free, sizes, n).widths()
         found = _step(Fit(evidence, columns, free, sizes, n))
         if found is None:
@@ -176,9 +173,7 @@ def fit(
         before, (evidence, gain) = evidence, found
         change = (evidence.hypothesis.flat() - before.hypothesis.flat())[list(free)] / start.steps[list(free)]
         moved = np.abs(change * np.sqrt(np.diagonal(columns.H.sum(0)))).max()
-        if turn == 0 or moved > REUSED:  # (the first are as wide as allowed)
-            J = slopes(evidence, evidence.hypothesis, free, sizes)
-        columns = sums(evidence, J, n)
+        columns = sums(evidence, slopes(evidence, evidence.hypothesis, free, sizes), n)
         if gain < CONVERGED or moved < CONVERGED:
             break
     return Fit(evidence, columns, free, sizes, n)

@@ -45,7 +45,7 @@ class Start:
     secant: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Candidate:
     """A change of a hypothesis: one more effect, or another law of contact.
 

@@ -51,8 +51,8 @@ CLEAR = 60.0
 """Wald's statistic from which no fit without an effect is needed to keep it."""
 ALIKE, MOST_RIVALS = 0.8, 3
 """Share of an effect's gain from which another may be the cause in its place, and how many such are looked at."""
-LEAST_AHEAD = {1: 2.0, 0: 1.0, -1: -2.0}
-"""Standard errors of log-likelihood by which a hypothesis with more, as many or fewer parameters must be ahead."""
+AHEAD = 2.0
+"""Standard errors of log-likelihood within which two hypotheses are alike: the simpler one stands (`Search._order`)."""
 NONE: frozenset[str] = frozenset()
 
 
@@ -149,12 +149,29 @@ class Search:
     def _likeliest(self, tried: Sequence[Evidence]) -> int:
         """Which hypothesis is the likeliest: the simplest of those that are as likely within noise."""
         best = 0
-        for k, each in enumerate(tried):
-            ahead = self.sample.ratio(each, tried[best])
-            more = len(each.hypothesis.flat()) - len(tried[best].hypothesis.flat())
-            if ahead.sum() > LEAST_AHEAD[int(np.sign(more))] * noise_of(ahead):
+        for k, each in enumerate(tried[1:], 1):
+            if self._stands(each.hypothesis, tried[best].hypothesis, self.sample.ratio(each, tried[best])):
                 best = k
         return best
+
+    def _stands(self, one: Hypothesis, other: Hypothesis, gain: Array) -> bool:
+        """Whether a hypothesis stands in the place of another: it is likelier, or as likely and simpler.
+
+        one, other: The hypotheses.
+        gain: (n,) of each toss, of one over the other.
+        """
+        simpler = self._order(one) < self._order(other)
+        return bool(gain.sum() > (-1 if simpler else 1) * AHEAD * noise_of(gain))
+
+    def _order(self, hypothesis: Hypothesis) -> tuple[int, list[int]]:
+        """By simplicity: how many parameters, then places in the library, in which a recording's errors come last.
+
+        A clock that runs wrong does what another gravity does to a rigid body: its equations have no unit of time. No
+        likelihood tells the two apart, so an order that does not depend on noise has to.
+        """
+        names = [effect.name for effect in self.library]
+        places = (names.index(name) if name in names else len(names) for name in hypothesis.names)
+        return len(hypothesis.flat()), sorted(places)
 
     # ---------------------------------------------------------------- rounds
 
@@ -168,8 +185,13 @@ class Search:
             joined = rounds[-1].joined
             if joined is None:
                 break
-            evidence = self.sample.evidence(joined.fit.hypothesis)
-            present = self.sample.refitted(evidence, evidence.hypothesis, iterations=4, held=held)
+            special = () if joined.candidate.effect is None else joined.candidate.effect.contains
+            present = self._from_full_evidence(joined.fit, held)
+            # evidence that only follows a fit ranks candidates, and cannot say which of two alike is the simpler story
+            for each in (f for f in rounds[-1].fitted if f.candidate.name in special):
+                simpler = self._from_full_evidence(each.fit, held)
+                if self._stands(simpler.hypothesis, present.hypothesis, self.sample.gains(simpler, present)):
+                    present, rounds[-1] = simpler, replace(rounds[-1], joined=each)
             present = self._pruned(present, first, held)
             joined_effects = [one for one in rounds if one.joined and one.joined.candidate.effect is not None]
             if len(joined_effects) == 1 and joined_effects[0] is rounds[-1] and _is_rough(present.evidence):
@@ -178,6 +200,11 @@ class Search:
                 break
             seen.add(_contents(present.hypothesis))
         return present, tuple(rounds)
+
+    def _from_full_evidence(self, near: Fit, held: frozenset[str]) -> Fit:
+        """A hypothesis fitted again from the evidence of the full procedure."""
+        evidence = self.sample.evidence(near.hypothesis)
+        return self.sample.refitted(evidence, evidence.hypothesis, iterations=4, held=held)
 
     def _round(self, present: Fit, first: Evidence, library: Sequence[Effect], held: frozenset[str]) -> Round:
         """Candidates beside a hypothesis, and which of them joins."""
@@ -198,16 +225,17 @@ class Search:
 
         # (first states of its own make another law likelier than a secant shows, so each that gains is tried)
         likely = [*laws, *_with_special_cases(likely, TRIED if _is_rough(evidence) else FITTED)]
-        tried = list(zip(likely, self._map(started, likely), strict=True))
+        near = dict(zip(likely, self._map(started, likely), strict=True))
         if _is_rough(evidence):
-            tried = sorted(tried, key=lambda each: -sample.ratio(each[1], evidence).sum())[:FITTED]
+            likely.sort(key=lambda c: -sample.ratio(near[c], evidence).sum())
+            likely = _with_special_cases(likely, FITTED)
 
-        def fitted(each: tuple[Candidate, Evidence]) -> Fitted:
-            candidate, near = each
-            there = fit(near, near.hypothesis, n=sample.n, iterations=3, held=held)
+        def fitted(candidate: Candidate) -> Fitted:
+            start = near[candidate]
+            there = fit(start, start.hypothesis, n=sample.n, iterations=3, held=held)
             return Fitted(candidate, there, sample.gains(there, present))
 
-        fits = sorted(self._map(fitted, tried), key=lambda each: -each.gain.sum())
+        fits = sorted(self._map(fitted, likely), key=lambda each: -each.gain.sum())
         good = [f for f in fits if f.gain.sum() > LEAST_GAIN and reduces_deviance(f.fit.evidence, evidence, first)]
         joined = _simplest(good)
         _log.debug("%s", "\n".join(_in_words(screening, fits, joined)))
@@ -246,7 +274,7 @@ class Search:
     # ---------------------------------------------------------------- rivals
 
     def _with_rivals(self, found: Found, *, replaced: bool = False) -> Found:
-        """With what each effect is needed for and what could take its place, which it does, once, if it is likelier."""
+        """With what each effect is needed for and what could take its place, which it does, once, if it is better."""
         sample, needed, rivals = self.sample, dict[str, Array](), dict(found.rivals)
         last = found.rounds[-1]
         for name in found.hypothesis.names:
@@ -261,7 +289,7 @@ class Search:
             shares = last.screening.replacements(found.fit.columns_of(name), found.fit.from_nominal(name))
             others = _not_containing(name, [c for share, c in shares if share > ALIKE])
             rivals[name] = tuple(self._map(partial(self._rival, found, name), others[:MOST_RIVALS]))
-            better = [r for r in rivals[name] if r.gain.sum() > max(LEAST_GAIN, 2 * noise_of(r.gain))]
+            better = [r for r in rivals[name] if self._stands(r.fit.hypothesis, found.hypothesis, r.gain)]
             if better and not replaced:
                 best = max(better, key=lambda each: each.gain.sum())
                 _log.debug("%s takes the place of %s", best.effect.name, name)

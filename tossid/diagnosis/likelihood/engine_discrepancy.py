@@ -7,14 +7,16 @@ turns meanwhile (`Law.impulse_parts`). Which law the tosses follow is no effect 
 Beyond that, impacts on several corners, how far contact yields, how several corners bounce, and what torsional friction
 and rolling resistance leave of sliding friction differ between engines. So each window has one more nuisance parameter
 c, the multiple of the difference between the other engine and ours (both with the same body, contact and gravity) that
-the residuals contain, c ~ N(0, 1). Where a user's MuJoCo model is diagnosed, its difference to our reading of it is
-expected once, c ~ N(1, 1). Where any other simulator of a user is diagnosed, it is what is judged, and there is no
-other engine (`users_world`).
+the residuals contain, c ~ N(0, 1). Where a user's MuJoCo model is diagnosed, with the hypothesis's changes in it, its
+difference to our reading of it is expected once, c ~ N(1, 1). So what is fitted is right for the user's own engine.
+Where any other simulator of a user is diagnosed, it is what is judged, and there is no other engine (`users_world`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -30,6 +32,9 @@ from tossid.physics.effects import World
 from tossid.physics.effects.in_mujoco import scene
 from tossid.physics.forces import Forces
 from tossid.physics.mujoco_engine import quiet
+
+if TYPE_CHECKING:
+    from tossid.diagnosis.inference.hypothesis import Hypothesis
 
 Array = NDArray[np.float64]
 
@@ -143,43 +148,41 @@ class Engine:
     """The other engine.
 
     Attributes:
-        model: A user's MuJoCo model that is diagnosed; None for MuJoCo with near-rigid contact, of whatever body and
-            ground the hypothesis has.
-        world: The world as which that model is read.
+        patched: Of a user's MuJoCo model that is diagnosed: the model with a hypothesis's changes in it, and the world
+            as which that is read. None for MuJoCo with near-rigid contact, of whatever body and ground there is.
         none: Whether there is no other engine.
     """
 
-    model: mujoco.MjModel | None = None
-    world: World | None = None
+    patched: Callable[[Hypothesis], tuple[mujoco.MjModel, World]] | None = None
     none: bool = False
 
     @property
     def of_user(self) -> bool:
         """Whether a user's own contact is taken as it is."""
-        return self.model is not None or self.none
+        return self.patched is not None or self.none
 
-    def difference(self, windows: Windows, world: World, *, n_threads: int = 1) -> EngineDifference:
+    def difference(self, windows: Windows, hypothesis: Hypothesis, *, n_threads: int = 1) -> EngineDifference:
         """Its predictions minus ours, from the windows' first states of linearisation; 0 where it gave up.
 
         Args:
             windows: What is predicted.
-            world: The hypothesis's world.
+            hypothesis: What predicts.
             n_threads: Of the simulators.
         """
-        values = np.zeros((*windows.inside.shape, windows.channels))
         if self.none:
-            return EngineDifference(values, 0.0)
-        if self.model is None or self.world is None:
-            ours = comparable(world)
+            return EngineDifference(np.zeros((*windows.inside.shape, windows.channels)), 0.0)
+        if self.patched is None:
+            ours = comparable(hypothesis.world())
             count = BOUNCING_SUBSTEPS if ours.object.restitution > 0 else SUBSTEPS
             other = MujocoWorld(scene(ours, windows.dt / ours.recording.clock_rate / count), ours)
             # near-rigid engines agree in flight and at rest
             asked, expected = ~(windows.free | windows.steady), 0.0
         else:
-            ours = replace(self.world, recording=world.recording)
+            model, ours = self.patched(hypothesis)
             # the model has its own ground
-            other = MujocoWorld(self.model, replace(ours, ground_height=0.0, ground_tilt=(0.0, 0.0)))
-            asked, expected = np.full(len(values), True), 1.0
+            other = MujocoWorld(model, replace(ours, ground_height=0.0, ground_tilt=(0.0, 0.0)))
+            asked, expected = np.full(len(windows.steps), True), 1.0
+        values = np.zeros((*windows.inside.shape, windows.channels))
         # long windows would make those of ordinary length as long
         long = windows.steps > windows.settings.windows.length
         for rows in map(np.flatnonzero, (asked & ~long, asked & long)):

@@ -107,6 +107,17 @@ def make_patch(hypothesis: Hypothesis, *, mjcf: Path | None = None) -> Patch:
     return Patch(text, model, tuple(edit.changes), keys, edit.recording, edit.cannot, assets)
 
 
+def patched_model(hypothesis: Hypothesis, *, mjcf: Path | None = None) -> tuple[mujoco.MjModel, World]:
+    """A MuJoCo model with a hypothesis's changes in it, and the world as which it is read.
+
+    Args:
+        hypothesis: What MJCF cannot express of it is in neither.
+        mjcf: As of `make_patch`.
+    """
+    patch = make_patch(hypothesis, mjcf=mjcf)
+    return patch.model, hypothesis.without(*patch.not_expressed).world()
+
+
 def _with_own_assets(text: str) -> tuple[str, dict[str, Path]]:
     """A model whose files lie in the folder `ASSETS` beside it, so that both can be moved together, and these files."""
     root, assets = ElementTree.fromstring(text), dict[str, Path]()

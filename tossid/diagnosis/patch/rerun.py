@@ -18,7 +18,7 @@ from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.likelihood.engine_discrepancy import MujocoWorld
 from tossid.diagnosis.localisation.rollouts import at_frames, distances, first_states
-from tossid.diagnosis.patch.make import make_patch
+from tossid.diagnosis.patch.make import make_patch, patched_model
 from tossid.types import Toss
 
 Array = NDArray[np.float64]
@@ -44,14 +44,13 @@ def runs_in_mujoco(mjcf: Path | None = None) -> Runs:
 
 
 def _runs(mjcf: Path | None, hypothesis: Hypothesis, tosses: Sequence[Toss], sample: Sample) -> list[Array]:
-    patch = make_patch(hypothesis, mjcf=mjcf)
-    world = hypothesis.without(*patch.not_expressed).world()
+    model, world = patched_model(hypothesis, mjcf=mjcf)
     most = max(1, int(MOST_SECONDS / np.mean([toss.t[-1] - toss.t[0] for toss in tosses])))
     some = np.unique(np.linspace(0, len(tosses) - 1, min(most, len(tosses))).astype(int))
     run_of = [tosses[i] for i in some.tolist()]
     first = first_states(run_of, world, sample.of_tosses(some).windows, n_threads=sample.n_threads)
     # the model has its own ground
-    simulated = MujocoWorld(patch.model, replace(world, ground_height=0.0, ground_tilt=(0.0, 0.0)))
+    simulated = MujocoWorld(model, replace(world, ground_height=0.0, ground_tilt=(0.0, 0.0)))
     roll_out = partial(simulated.roll_out, n_threads=sample.n_threads)
     out = [np.full_like(toss.q, np.nan) for toss in tosses]
     for i, poses in zip(some.tolist(), at_frames(run_of, first, sample.windows.dt, roll_out), strict=True):
