@@ -41,6 +41,13 @@ class Round:
     fitted: tuple[Fitted, ...]
     joined: Fitted | None
 
+    def __str__(self) -> str:
+        """In lines."""
+        screened = (f"{c.name} {c.total:.0f} (p {c.p_value:.3f})" for c in self.screening.candidates[:6])
+        lines = [f"    {f.candidate.name} {f.gain.sum():.1f}: {words(f.fit.hypothesis)}" for f in self.fitted]
+        end = "-> " + ("nothing" if self.joined is None else self.joined.candidate.name)
+        return "\n".join(["screened " + ", ".join(screened), *lines, end])
+
 
 @dataclass(frozen=True)
 class Rival:

@@ -22,8 +22,8 @@ from tossid.diagnosis.findings import RESAMPLES, Interval
 from tossid.diagnosis.inference.evidence import Evidence
 from tossid.diagnosis.inference.found import Found
 from tossid.diagnosis.inference.hypothesis import Hypothesis
-from tossid.diagnosis.inference.sample import Sample
-from tossid.diagnosis.inference.search import LEAST_GAIN, Search
+from tossid.diagnosis.inference.sample import LEAST_GAIN, Sample
+from tossid.diagnosis.inference.search import Search
 from tossid.diagnosis.likelihood.density import student_deviance
 from tossid.diagnosis.likelihood.windows import Windows
 from tossid.parallel import in_threads

@@ -15,6 +15,8 @@ from tossid.diagnosis.likelihood.windows import Windows
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+LEAST_GAIN = 3.0
+"""Of log-likelihood, by values that the other tosses determine, that an effect must bring."""
 LEAST_CLOSED = 0.004
 """Share of the first deviance of flight or of contact that an effect must close."""
 

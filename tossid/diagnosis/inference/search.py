@@ -18,11 +18,22 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.diagnosis.inference.alternatives import (
+    ALIKE,
+    MOST_RIVALS,
+    FlightHypothesis,
+    likeliest,
+    not_containing,
+    rival_of,
+    rivals_in_flight,
+    simplest,
+    stands,
+)
 from tossid.diagnosis.inference.evidence import Evidence
 from tossid.diagnosis.inference.fitting import Fit, fit
 from tossid.diagnosis.inference.found import Fitted, Found, Rival, Round, words
 from tossid.diagnosis.inference.hypothesis import ContactLaw, Hypothesis
-from tossid.diagnosis.inference.sample import Sample, noise_of, reduces_deviance
+from tossid.diagnosis.inference.sample import LEAST_GAIN, Sample, noise_of, reduces_deviance
 from tossid.diagnosis.inference.screening import FLIPS, Candidate, Screening, screen
 from tossid.parallel import in_threads
 from tossid.physics.effects import Effect
@@ -37,8 +48,6 @@ LEVEL = 0.025
 """Of each block: how often it names anything where nothing is."""
 JUDGING_LEVEL = 0.25
 """The same where a search is repeated on fewer tosses: nine of twelve cannot show at `LEVEL` what twelve have shown."""
-LEAST_GAIN = 3.0
-"""Of log-likelihood, by values that the other tosses determine."""
 TRIED, FITTED = 8, 3
 """Candidates that are tried at their starts where contact is rough, and how many are fitted in a round."""
 JOINT, MOST_EFFECTS = 8, 9
@@ -49,10 +58,6 @@ FEW = 20
 """Tosses that are searched first; the others take part where these end."""
 CLEAR = 60.0
 """Wald's statistic from which no fit without an effect is needed to keep it."""
-ALIKE, MOST_RIVALS = 0.8, 3
-"""Share of an effect's gain from which another may be the cause in its place, and how many such are looked at."""
-AHEAD = 2.0
-"""Standard errors of log-likelihood within which two hypotheses are alike: the simpler one stands (`Search._order`)."""
 NONE: frozenset[str] = frozenset()
 
 
@@ -105,8 +110,8 @@ class Search:
             of_contact = [(e, v) for e, v in known.items() if of_few is None or e.name not in of_few.flown]
             options = [_with_all(replace(each.fit.hypothesis, law=known.law), of_contact) for each in flights]
             tried = [sample.evidence(option) for option in options] if options[0].effects else [first]
-            best = self._likeliest(tried)
-            rivals = _rivals_of(flights, [sample.ratio(each, tried[best]) for each in tried], best)
+            best = likeliest(tried, sample, self.library)
+            rivals = rivals_in_flight(flights, [sample.ratio(each, tried[best]) for each in tried], best)
             flight, evidence = flights[best].fit, tried[best]
             flown = frozenset(flight.hypothesis.names)
             # the model of flight is right but for forces: what flight does not show of them is not there
@@ -117,7 +122,7 @@ class Search:
         present, more = self._rounds(present, first, library, flown)
         return Found(first, present, flight, (*rounds, *more), rivals=rivals)
 
-    def _flight(self, first: Evidence, of_few: Found | None) -> tuple[list[_Flight], tuple[Round, ...]]:
+    def _flight(self, first: Evidence, of_few: Found | None) -> tuple[list[FlightHypothesis], tuple[Round, ...]]:
         """What free flight shows, and what does the same there."""
         in_air = replace(self, sample=self.sample.in_flight(), laws=())
         there = first.rows(np.flatnonzero(self.sample.windows.free))
@@ -128,13 +133,13 @@ class Search:
                 flight = in_air.sample.refitted(there, of_few.flight.hypothesis, iterations=6, follow=2)
         flying = [effect for effect in self.library if Phase.FLIGHT in effect.phases]
         flight, rounds = in_air._rounds(flight, there, flying, NONE)
-        names, flights = flight.hypothesis.names, [_Flight(flight, "", "")]
+        names, flights = flight.hypothesis.names, [FlightHypothesis(flight, "", "")]
         for each in (*rounds, *before):
             if each.joined is None or each.joined.candidate.name not in names:
                 continue
             name, least = each.joined.candidate.name, ALIKE * each.joined.candidate.total
             alike = [c for c in each.screening.candidates if c.total > least and c.name not in names]
-            for c in _not_containing(name, alike)[:MOST_RIVALS]:
+            for c in not_containing(name, alike)[:MOST_RIVALS]:
                 assert c.effect is not None
                 if any((name, c.name) == (other.instead_of, other.name) for other in flights):
                     continue
@@ -143,35 +148,8 @@ class Search:
                 # what was found beside the one may be superfluous beside the other
                 fitted = in_air._pruned(fitted, there, NONE)
                 if c.name in fitted.hypothesis.names:
-                    flights.append(_Flight(fitted, name, c.name))
+                    flights.append(FlightHypothesis(fitted, name, c.name))
         return flights, rounds
-
-    def _likeliest(self, tried: Sequence[Evidence]) -> int:
-        """Which hypothesis is the likeliest: the simplest of those that are as likely within noise."""
-        best = 0
-        for k, each in enumerate(tried[1:], 1):
-            if self._stands(each.hypothesis, tried[best].hypothesis, self.sample.ratio(each, tried[best])):
-                best = k
-        return best
-
-    def _stands(self, one: Hypothesis, other: Hypothesis, gain: Array) -> bool:
-        """Whether a hypothesis stands in the place of another: it is likelier, or as likely and simpler.
-
-        one, other: The hypotheses.
-        gain: (n,) of each toss, of one over the other.
-        """
-        simpler = self._order(one) < self._order(other)
-        return bool(gain.sum() > (-1 if simpler else 1) * AHEAD * noise_of(gain))
-
-    def _order(self, hypothesis: Hypothesis) -> tuple[int, list[int]]:
-        """By simplicity: how many parameters, then places in the library, in which a recording's errors come last.
-
-        A clock that runs wrong does what another gravity does to a rigid body: its equations have no unit of time. No
-        likelihood tells the two apart, so an order that does not depend on noise has to.
-        """
-        names = [effect.name for effect in self.library]
-        places = (names.index(name) if name in names else len(names) for name in hypothesis.names)
-        return len(hypothesis.flat()), sorted(places)
 
     # ---------------------------------------------------------------- rounds
 
@@ -190,7 +168,7 @@ class Search:
             # evidence that only follows a fit ranks candidates, and cannot say which of two alike is the simpler story
             for each in (f for f in rounds[-1].fitted if f.candidate.name in special):
                 simpler = self._from_full_evidence(each.fit, held)
-                if self._stands(simpler.hypothesis, present.hypothesis, self.sample.gains(simpler, present)):
+                if stands(simpler.hypothesis, present.hypothesis, self.sample.gains(simpler, present), self.library):
                     present, rounds[-1] = simpler, replace(rounds[-1], joined=each)
             present = self._pruned(present, first, held)
             joined_effects = [one for one in rounds if one.joined and one.joined.candidate.effect is not None]
@@ -237,10 +215,11 @@ class Search:
 
         fits = sorted(self._map(fitted, likely), key=lambda each: -each.gain.sum())
         good = [f for f in fits if f.gain.sum() > LEAST_GAIN and reduces_deviance(f.fit.evidence, evidence, first)]
-        joined = _simplest(good)
-        _log.debug("%s", "\n".join(_in_words(screening, fits, joined)))
+        joined = simplest(good)
+        made = Round(present, screening, tuple(fits), joined)
+        _log.debug("%s", made)
         self.watch(present, screening)
-        return Round(present, screening, tuple(fits), joined)
+        return made
 
     def _all_at_once(self, present: Fit, first: Evidence, one: Round, held: frozenset[str]) -> Fit:
         """All likely effects together, without those that are not needed; the present hypothesis if that is better."""
@@ -287,9 +266,9 @@ class Search:
             if last.before is not found.fit:
                 continue
             shares = last.screening.replacements(found.fit.columns_of(name), found.fit.from_nominal(name))
-            others = _not_containing(name, [c for share, c in shares if share > ALIKE])
-            rivals[name] = tuple(self._map(partial(self._rival, found, name), others[:MOST_RIVALS]))
-            better = [r for r in rivals[name] if self._stands(r.fit.hypothesis, found.hypothesis, r.gain)]
+            others = not_containing(name, [c for share, c in shares if share > ALIKE])
+            rivals[name] = tuple(self._map(partial(rival_of, sample, found, name), others[:MOST_RIVALS]))
+            better = [r for r in rivals[name] if stands(r.fit.hypothesis, found.hypothesis, r.gain, self.library)]
             if better and not replaced:
                 best = max(better, key=lambda each: each.gain.sum())
                 _log.debug("%s takes the place of %s", best.effect.name, name)
@@ -298,65 +277,12 @@ class Search:
                 return self._with_rivals(replace(found, fit=present, rounds=(*found.rounds, round_)), replaced=True)
         return replace(found, needed=needed, rivals=rivals)
 
-    def _rival(self, found: Found, name: str, candidate: Candidate) -> Rival:
-        """An effect in the place of another of the hypothesis, all fitted again."""
-        assert candidate.effect is not None
-        start = found.hypothesis.with_replaced(name, candidate.effect, candidate.start.values_of(candidate.name))
-        fitted = fit(found.fit.evidence, start, n=self.sample.n, iterations=3, held=found.flown, follow=3)
-        return Rival(candidate.effect, fitted, self.sample.gains(fitted, found.fit))
-
     def _map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
         return list(in_threads(function, items, self.sample.n_threads))
 
 
-@dataclass(frozen=True)
-class _Flight:
-    """A hypothesis of flight, and which effect it has in the place of which; neither in that of the rounds."""
-
-    fit: Fit
-    instead_of: str
-    name: str
-
-
-def _rivals_of(flights: Sequence[_Flight], ratios: Sequence[Array], best: int) -> dict[str, tuple[Rival, ...]]:
-    """What could take the place of an effect of flight: explanations of it, by how likely contact makes them."""
-    rivals, chosen = dict[str, tuple[Rival, ...]](), flights[best]
-    for k, each in enumerate(flights):
-        if k == best or (chosen.name and k and each.instead_of != chosen.instead_of):
-            continue
-        name, other = (chosen.name, each.name or chosen.instead_of) if chosen.name else (each.instead_of, each.name)
-        rival = Rival(each.fit.hypothesis.effect(other), each.fit, ratios[k])
-        rivals[name] = (*rivals.get(name, ()), rival)
-    return rivals
-
-
-def _not_containing(name: str, candidates: Iterable[Candidate]) -> list[Candidate]:
-    """Candidates that are effects, without those that contain an effect: they always fit as well."""
-    return [c for c in candidates if c.effect is not None and name not in c.effect.contains]
-
-
-def _in_words(screening: Screening, fits: Sequence[Fitted], joined: Fitted | None) -> list[str]:
-    """A round in lines."""
-    screened = (f"{c.name} {c.total:.0f} (p {c.p_value:.3f})" for c in screening.candidates[:6])
-    lines = [f"    {f.candidate.name} {f.gain.sum():.1f}: {words(f.fit.hypothesis)}" for f in fits]
-    end = "-> " + ("nothing" if joined is None else joined.candidate.name)
-    return ["screened " + ", ".join(screened), *lines, end]
-
-
 def _is_rough(evidence: Evidence) -> bool:
     return bool(max(evidence.scales[[Phase.IMPACT, Phase.SLIDE]]) > ROUGH)
-
-
-def _simplest(fits: Sequence[Fitted]) -> Fitted | None:
-    """Of the candidates that gain as much as the best within noise, the one with the fewest parameters."""
-    chosen = fits[0] if fits else None
-    for each in fits[1:]:
-        assert chosen is not None
-        behind = fits[0].gain - each.gain
-        fewer = len(each.fit.hypothesis.flat()) < len(chosen.fit.hypothesis.flat())
-        if fewer and behind.sum() < max(2 * noise_of(behind), LEAST_GAIN, 0.01 * fits[0].gain.sum()):
-            chosen = each
-    return chosen
 
 
 def _with_special_cases(candidates: Sequence[Candidate], most: int) -> list[Candidate]:
