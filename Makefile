@@ -18,6 +18,7 @@ LOCK_ARGS := --quiet --extra dev --universal --python-version 3.11.5 --generate-
 VENV     := .venv
 BIN      := $(VENV)/bin
 STAMP    := $(VENV)/.installed
+DEV      := $(VENV)/.developing
 TEST_JOBS ?= 2
 SECONDS  ?= 60
 UNAUDITED ?= refused
@@ -30,21 +31,36 @@ RUN_ONE  := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-setup: $(STAMP)  ## build the environment in .venv (once)
+setup: $(STAMP)  ## build the environment in .venv (once); tests and checks add what they need
 
-$(STAMP): pyproject.toml $(wildcard requirements/*.txt)
+LOCKS := $(wildcard requirements/*)
+WHICH_LOCK = lock=$(LOCK); [ "$$lock" != auto ] || lock=$$($(BIN)/python requirements/choose.py $(PIP_ARGS)) || exit 2
+INSTALL = $(BIN)/python requirements/install.py
+
+# what runs tossid
+$(STAMP): pyproject.toml $(LOCKS)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
 	  || { echo "tossid needs Python 3.11 or newer as '$(PYTHON)'; name another: make PYTHON=python3.12 $(MAKECMDGOALS)" >&2; exit 2; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV) \
 	  || { rm -rf $(VENV); echo "could not make $(VENV); on Debian and Ubuntu: apt install python3-venv" >&2; exit 2; }
-	@lock=$(LOCK); [ "$$lock" != auto ] || lock=$$($(BIN)/python requirements/choose.py $(PIP_ARGS)) || exit 2; \
+	@$(WHICH_LOCK); \
 	if [ "$$lock" = none ]; then \
-	  $(BIN)/python requirements/install.py $(PIP_ARGS) -e '.[dev]'; \
+	  $(INSTALL) $(PIP_ARGS) -e .; \
 	else \
-	  $(BIN)/python requirements/install.py $(PIP_ARGS) --require-hashes -r requirements/$$lock.txt && \
+	  $(INSTALL) --only requirements/run.names requirements/$$lock.txt $(PIP_ARGS) --require-hashes && \
 	  $(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .; \
 	fi
 	@$(RUN_ONE) $(BIN)/python -m pipelines.compile_kernels
+	@touch $@
+
+# what tests, checks and documents it, beside that
+$(DEV): $(STAMP)
+	@$(WHICH_LOCK); \
+	if [ "$$lock" = none ]; then \
+	  $(INSTALL) $(PIP_ARGS) -e '.[dev]'; \
+	else \
+	  $(INSTALL) $(PIP_ARGS) --require-hashes -r requirements/$$lock.txt; \
+	fi
 	@touch $@
 
 lock: $(STAMP)  ## resolve requirements/*.txt anew: make UV_ARGS="--index URL" lock, where URL has torch's CPU builds
@@ -53,6 +69,9 @@ lock: $(STAMP)  ## resolve requirements/*.txt anew: make UV_ARGS="--index URL" l
 	@mkdir -p build
 	sed -n 's/^\(torch==[0-9.]*\).*/\1+cpu/p' requirements/cuda.txt > build/override.txt
 	$(BIN)/uv pip compile $(LOCK_ARGS) $(UV_ARGS) --override build/override.txt -o requirements/cpu.txt pyproject.toml
+	printf 'editables\nhatchling\n' > build/build.in
+	$(BIN)/uv pip compile $(filter-out --extra dev --generate-hashes --upgrade,$(LOCK_ARGS)) -c requirements/cuda.txt pyproject.toml build/build.in \
+	  | sed -n 's/^\([A-Za-z0-9._-]*\)==.*/\1/p' | sort -u > requirements/run.names
 
 demo: $(STAMP)  ## a simulator that is wrong in a sealed way, and what is found of it: make SEED=5 demo
 	$(BIN)/python -m pipelines.demo $(if $(SEED),--seed $(SEED))
@@ -90,33 +109,33 @@ tagslam: $(STAMP)  ## TagSLAM's published recordings against its own poses: make
 truth: $(STAMP)  ## filmed tosses from images to velocities, against the truth; half an hour
 	$(RUN_ONE) $(BIN)/python -m experiments.vision.against_truth
 
-test: $(STAMP)  ## the tests
+test: $(DEV)  ## the tests
 	$(RUN_ONE) $(BIN)/python -m pytest -q -n $(TEST_JOBS)
 
-coverage-report: $(STAMP)  ## which lines and branches of tossid and pipelines the tests reach; slower than make test
+coverage-report: $(DEV)  ## which lines and branches of tossid and pipelines the tests reach; slower than make test
 	$(BIN)/coverage erase
 	$(RUN_ONE) $(BIN)/coverage run -m pytest -q -n $(TEST_JOBS)
 	$(BIN)/coverage combine --quiet
 	$(BIN)/coverage report --skip-covered --sort=cover
 
-test-slow: $(STAMP)  ## the tests that take minutes
+test-slow: $(DEV)  ## the tests that take minutes
 	$(RUN_ONE) $(BIN)/python -m pytest -q -n $(TEST_JOBS) -m slow
 
 fuzz: $(STAMP)  ## search for files that crash what reads them (atheris; Linux)
 	$(BIN)/python -m pip install --quiet $(PIP_ARGS) -e '.[fuzz]'
 	$(RUN_ONE) $(BIN)/python -m tests.fuzz.run --seconds $(SECONDS)
 
-check: $(STAMP)  ## formatter, linter, type checker, import rules
+check: $(DEV)  ## formatter, linter, type checker, import rules
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-format: $(STAMP)  ## format and fix what can be fixed
+format: $(DEV)  ## format and fix what can be fixed
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-dependencies: $(STAMP)  ## what is installed fits together, and has no known vulnerability (asks osv.dev)
+dependencies: $(DEV)  ## what is installed fits together, and has no known vulnerability (asks osv.dev)
 	$(BIN)/python -m pip check
 	@if $(BIN)/python -c 'import socket; socket.create_connection(("api.osv.dev", 443), 5)' 2>/dev/null; then \
 	  $(BIN)/pip-audit --vulnerability-service osv --skip-editable --progress-spinner off; \
@@ -134,10 +153,10 @@ profile: $(STAMP)  ## where a diagnosis's time goes, by stage: make DATASET=FILE
 bench-against: $(STAMP)  ## the simulator's speed beside an earlier commit's, in turns: make COMMIT=NAME bench-against
 	$(BIN)/python -m benchmarks.bench_against $(COMMIT)
 
-mutants: $(STAMP)  ## small faults in the sources, and the tests that notice them; hours: make OPTIONS="--count 6" mutants
+mutants: $(DEV)  ## small faults in the sources, and the tests that notice them; hours: make OPTIONS="--count 6" mutants
 	$(RUN_ONE) $(BIN)/python -m benchmarks.mutants $(OPTIONS)
 
-docs: $(STAMP)  ## the documentation as a site, in build/site
+docs: $(DEV)  ## the documentation as a site, in build/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 figures: $(STAMP)  ## the gallery, docs/gallery.md, on tosses made here; some minutes

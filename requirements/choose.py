@@ -5,11 +5,15 @@ Usage: python choose.py [ARGUMENTS OF PIP]
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
 HERE = Path(__file__).parent
 
@@ -24,7 +28,7 @@ def main() -> str:
     if done.returncode:
         sys.exit(f"pip finds no {torch} here:\n{done.stderr.strip()}")
     found = json.loads(done.stdout)["install"][0]
-    sha256 = found["download_info"]["archive_info"]["hashes"]["sha256"]
+    sha256 = sha256_of(found["download_info"])
     for path in sorted(HERE.glob("*.txt")):
         if f"--hash=sha256:{sha256}" in path.read_text():
             return path.stem
@@ -34,6 +38,19 @@ def main() -> str:
         file=sys.stderr,
     )
     return "none"
+
+
+def sha256_of(download: dict[str, Any]) -> str:
+    """The hash of what pip would download. Of a file on this machine, older versions of pip do not say it.
+
+    Args:
+        download: pip's "download_info".
+    """
+    said = download["archive_info"].get("hashes", {}).get("sha256")
+    if said is None:
+        with open(url2pathname(urlsplit(download["url"]).path), "rb") as file:
+            said = hashlib.file_digest(file, "sha256").hexdigest()
+    return str(said)
 
 
 if __name__ == "__main__":

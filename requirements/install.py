@@ -1,15 +1,20 @@
 """Run pip, and print a line every few seconds; at the end, how much it installed and how long that took.
 
-Usage: python install.py ARGUMENTS OF PIP INSTALL
+Usage: python install.py [--only NAMES LOCK] ARGUMENTS OF PIP INSTALL
+
+`--only` installs those packages of a lock file whose names a file has.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
+import tempfile
 import time
 from contextlib import suppress
+from pathlib import Path
 
 EVERY_S = 5.0
 """Seconds between two lines."""
@@ -21,6 +26,11 @@ def main(arguments: list[str]) -> int:
     Args:
         arguments: Of `pip install`.
     """
+    if arguments[:1] == ["--only"]:
+        with tempfile.TemporaryDirectory() as folder:
+            part = Path(folder) / "lock.txt"
+            part.write_text(packages_of(Path(arguments[2]), Path(arguments[1])))
+            return main([*arguments[3:], "-r", str(part)])
     begun, before = time.monotonic(), megabytes()
     with subprocess.Popen([sys.executable, "-m", "pip", "install", "--quiet", *arguments]) as pip:
         while True:
@@ -32,6 +42,18 @@ def main(arguments: list[str]) -> int:
     if status == 0:
         say(f"installed {megabytes() - before:.0f} MB in {time.monotonic() - begun:.0f} s")
     return status
+
+
+def packages_of(lock: Path, names: Path) -> str:
+    """The entries of a lock file, each with its hashes, whose names a file has.
+
+    Args:
+        lock: The lock file.
+        names: A name a line.
+    """
+    wanted = set(names.read_text().split())
+    entries = re.split(r"^(?=\S)", lock.read_text(), flags=re.MULTILINE)
+    return "".join(entry for entry in entries if entry.partition("==")[0] in wanted)
 
 
 def megabytes() -> float:

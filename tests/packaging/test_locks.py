@@ -51,3 +51,12 @@ def test_the_locks_differ_in_torch_and_what_it_brings_alone() -> None:
     assert {name for name in cpu if name != "torch" and cpu[name] != cuda.get(name)} == set()
     further = {name for name in cuda if name not in cpu}
     assert all(name.startswith(("nvidia-", "cuda-")) or name == "triton" for name in further), further
+
+
+def test_what_runs_tossid_is_a_part_of_each_lock_and_has_all_that_it_needs() -> None:
+    names = {canonicalize_name(name) for name in (CLONE / "requirements" / "run.names").read_text().split()}
+    project = tomllib.loads((CLONE / "pyproject.toml").read_text())["project"]
+    needed = [Requirement(text) for text in (*project["dependencies"], "hatchling", "editables")]
+    assert {canonicalize_name(one.name) for one in needed} <= names
+    assert not names & {"mypy", "mkdocs", "distributed", "psycopg2-binary"}
+    assert names <= set(locked(CLONE / "requirements" / "cuda.txt"))
