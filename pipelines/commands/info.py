@@ -43,9 +43,9 @@ def run(request: InfoRequest | Path, console: Console) -> dict[str, Any]:
         facts = _stage(path)
     else:
         raise FileError(path, "expected a dataset (.h5), poses (.txt, .npz), detections (.npz) or a recording folder")
-    show(facts, console, title=str(path))
     if request.figure is not None:
         facts["figure"] = str(_draw(path, request.figure))
+    show(facts, console, title=str(path))
     return facts
 
 

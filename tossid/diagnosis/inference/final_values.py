@@ -110,10 +110,10 @@ def precise(evidence: Evidence) -> Evidence:
     """The evidence of the same hypothesis as shorter time steps make it, whose first states follow.
 
     Args:
-        evidence: With the time steps of a search. Its difference to a user's engine makes up for these, if it has one.
+        evidence: With the time steps of a search. Under a user's own engine, that one's steps count, and it stays.
     """
     windows, h = evidence.windows, evidence.hypothesis
-    if h.law.engine.patched is not None:
+    if h.law.engine.of_user:
         return evidence
     coarse = windows.settings.simulation
     parts = max(coarse.compliant_impact_parts // FINER, coarse.impact_parts)
