@@ -25,7 +25,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from tests.store.makers import make_dataset
 from tests.vision.bags import CAMERAS
-from tests.vision.written import write_recording
+from tests.vision.films import write_recording
 from tossid.models import TrainedModel, build_model, variant
 from tossid.objects import load_object
 from tossid.settings.training import TrainSettings

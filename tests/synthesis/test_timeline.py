@@ -10,8 +10,8 @@ import pytest
 
 from tests.vision.conftest import Filmed
 from tests.vision.films import film_of
+from tests.vision.sights import track
 from tests.vision.tosses import thrown
-from tests.vision.tracked import track
 from tossid.errors import InputError
 from tossid.objects import ObjectModel, corner_positions
 from tossid.rotations import geodesic_angle

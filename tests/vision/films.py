@@ -1,4 +1,4 @@
-"""Recordings of a timeline, and how far detections in them are from the truth."""
+"""Recordings from frames and of a timeline, and how far detections in them are from the truth."""
 
 from __future__ import annotations
 
@@ -20,11 +20,26 @@ from tossid.vision.recordings.formats.frames import read_recording
 from tossid.vision.recordings.recording import Recording
 from tossid.vision.recordings.writing import RecordingWriter
 from tossid.vision.setup.faces import tag_corners
-from tossid.vision.setup.layout import layout_of
+from tossid.vision.setup.layout import TagLayout, layout_of
 
 Array = NDArray[np.float64]
 
 IMAGES = RenderSettings(samples=8)
+
+
+def write_recording(
+    target: str | Path,
+    cameras: Iterable[Camera],
+    layout: TagLayout,
+    frames: Iterable[Frame],
+    *,
+    image_format: str = "jpg",
+    quality: int = 80,
+) -> None:
+    """Write a recording from frames as they come."""
+    writer = RecordingWriter(target, cameras, layout, image_format=image_format, quality=quality)
+    for frame in frames:
+        writer.write(frame)
 
 
 def film_of(

@@ -1,16 +1,30 @@
-"""Detections without rendering: a tumbling object's true corners with noise; and poses against the truth."""
+"""Detections without rendering, their tracks, and poses against the truth."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
+from tossid.errors import ObjectError
 from tossid.objects import ObjectModel, body_poses
-from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_normalize, transform, transform_points
+from tossid.rotations import (
+    geodesic_angle,
+    matrix_to_quat,
+    quat_boxminus,
+    quat_exp,
+    quat_mul,
+    quat_normalize,
+    transform,
+    transform_points,
+)
+from tossid.settings.tracking import TrackSettings
 from tossid.types import Detection, PoseTrack
 from tossid.vision.cameras.camera import Camera
+from tossid.vision.pose_graph.report import TrackReport
+from tossid.vision.pose_graph.track import DEFAULT, track_scene
 from tossid.vision.setup.faces import tag_corners
+from tossid.vision.setup.layout import Body, BodyTag, TagLayout, articulated, body_tags
 
 
 def tangent(track_: PoseTrack, q: np.ndarray) -> np.ndarray:
@@ -94,3 +108,57 @@ def filmed_tumble(
     """Detections of a tumble, and its configurations (n, 7), a frame each."""
     t, q = tumble(n, rng)
     return [d for i in range(n) for d in seen(cameras, model, t[i], q[i], rng, sigma)], q
+
+
+def track(
+    detections: Iterable[Detection],
+    cameras: Sequence[Camera],
+    model: ObjectModel,
+    *,
+    settings: TrackSettings = DEFAULT,
+    name: str = "track",
+) -> tuple[PoseTrack, TrackReport]:
+    """The track of one object whose tags are where its model says, among cameras of known pose, and a report.
+
+    Args:
+        detections: In any order.
+        cameras: Those that detections are of, with their poses in the world.
+        model: The object, with tags; its joints are hinges.
+        settings: When poses are accepted.
+        name: Of the track.
+
+    Raises:
+        ObjectError: The object has no tags, or a joint that slides.
+        InputError: A detection of an unknown camera, or too few to make a track.
+    """
+    if not model.tags:
+        raise ObjectError(f"object '{model.name}' has no tags to track")
+    rigs = {camera.rig_body: camera for camera in cameras}
+    bodies = [Body(rig, True, camera.T_world_rig) for rig, camera in rigs.items()]
+    own = [Body(name, False, tags=body_tags(model, b)) for b, name in enumerate(model.body_names)]
+    layout = articulated(TagLayout((*bodies, *own)), model)
+    tracked = track_scene(list(detections), cameras, layout, settings=settings, name=name)
+    return tracked.tracks[model.body_names[0]], tracked.report
+
+
+def wall(rng: np.random.Generator, *, noise: float = 0.0) -> tuple[list[Detection], list[Camera], TagLayout]:
+    """A camera before a wall of four tags, one of them known: a metre apart."""
+    camera = Camera("cam0", (1280, 1024), [900, 900, 640, 512], rig_body="rig", T_world_rig=None)
+    places = [transform(np.array([x, y, 3.0]), np.array([0.0, 1, 0, 0])) for x in (-0.5, 0.5) for y in (-0.4, 0.4)]
+    known = BodyTag(0, 0.2, places[0])
+    lab = Body("lab", True, np.eye(4), 0.2, (known, *(BodyTag(i, 0.2, None) for i in (1, 2, 3))))
+    detections = []
+    square = 0.1 * np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    for i in range(30):
+        T = transform(np.array([0.3, 0.2, 0.5]) * np.sin(i / 4 + np.arange(3)), np.array([1.0, 0, 0, 0]))
+        for tag_id, place in enumerate(places):
+            world = square @ place[:3, :3].T + place[:3, 3]
+            pixels = camera.distort((world - T[:3, 3]) @ T[:3, :3])[0] + noise * rng.normal(size=(4, 2))
+            detections.append(Detection("cam0", i / 10, tag_id, pixels, alike(max(noise, 0.1))))
+    return detections, [camera], TagLayout((lab, Body("rig", False)))
+
+
+def apart(A: np.ndarray, B: np.ndarray) -> tuple[float, float]:
+    """Distance [mm] and angle [degrees] of two poses."""
+    turn = geodesic_angle(matrix_to_quat(A[:3, :3]), matrix_to_quat(B[:3, :3]))
+    return 1e3 * float(np.linalg.norm(A[:3, 3] - B[:3, 3])), float(np.rad2deg(turn))

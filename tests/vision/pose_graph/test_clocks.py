@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,17 +10,16 @@ import numpy as np
 import pytest
 
 from tests.motion.handling import Handling
-from tests.vision.sights import nees, seen, seen_over_time, tumble
-from tests.vision.tracked import track
+from tests.vision.sights import seen_over_time, tumble
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_exp
 from tossid.settings.tracking import TrackSettings
 from tossid.types import Detection
 from tossid.vision.cameras.rig import default_rig
-from tossid.vision.pose_graph.clocks import Clocks, clock_offsets, stand_together
+from tossid.vision.pose_graph.clocks import Clocks, clock_offsets
 from tossid.vision.pose_graph.track import track_scene
 from tossid.vision.recordings.registry import Opened, open_recording, recognized_format
-from tossid.vision.setup.layout import Body, layout_of
+from tossid.vision.setup.layout import layout_of
 
 KNOWN = default_rig()
 UNKNOWN = (KNOWN[0], *(replace(camera, T_rig_cam=None) for camera in KNOWN[1:]))
@@ -69,7 +67,6 @@ def _partly(film: Film) -> Film:
 FILMS: dict[str, Callable[[Film], dict[int, Film]]] = {
     "two": lambda film: dict.fromkeys(range(2), film),
     "three": lambda film: dict.fromkeys(range(3), film),
-    "30 Hz between the others' frames": lambda film: {0: film, 1: _slow(film, 5), 2: film},
     "15 Hz between the others' frames": lambda film: {0: film, 1: _slow(film, 10), 2: film},
     "one sees a part": lambda film: {0: film, 1: _partly(film)},
     "by way of a third": lambda film: {0: _part(film, slice(700)), 1: film, 2: _part(film, slice(750, None))},
@@ -80,12 +77,9 @@ FILMS: dict[str, Callable[[Film], dict[int, Film]]] = {
 @pytest.mark.parametrize(
     ("films", "late", "right"),
     [
-        ("two", {}, {}),
-        ("three", {}, {}),
-        *(("two", {1: late}, {1: late}) for late in (0.003, 0.07, 0.31, 1.3, -4.0, 7.7, 1.7e9)),
+        *(("two", {1: late}, {1: late}) for late in (0.003, 0.31, -4.0, 1.7e9)),
         ("three", {0: 2.2}, {0: 2.2}),  # most cameras have the right time, though the first is late
         ("three", {1: -0.9, 2: 3.3}, {1: -0.9, 2: 3.3}),
-        ("30 Hz between the others' frames", {1: -4.0}, {1: -4.0}),
         ("15 Hz between the others' frames", {1: -4.0}, {1: -4.0}),
         ("one sees a part", {1: 1.3}, {1: 1.3}),
         ("by way of a third", {2: -5.0}, {2: -5.0}),
@@ -123,22 +117,21 @@ def _still(t: np.ndarray) -> np.ndarray:
     return np.tile([0.0, 0.0, 0.2, 1.0, 0.0, 0.0, 0.0], (len(t), 1))
 
 
-@pytest.mark.parametrize("motion", [_swing, _turntable, _still])
-def test_motion_that_repeats_moves_no_clock_that_agrees(
-    tagged: ObjectModel, motion: Callable[[np.ndarray], np.ndarray]
+@pytest.mark.parametrize(
+    ("motion", "late", "expected"),
+    [
+        (_swing, 0.0, Clocks()),
+        (_turntable, 0.0, Clocks()),
+        (_still, 0.0, Clocks()),
+        (_swing, 0.07, Clocks({"cam1": pytest.approx(0.07, abs=2e-3)})),  # nobody may have noticed it
+        (_swing, 1.4, Clocks({}, {"cam1": "what it and cam0 see moves alike at offsets of 1.40 s and 0.40 s"})),
+    ],
+)
+def test_motion_that_repeats_moves_no_clock_that_agrees_and_doubts_are_named(
+    tagged: ObjectModel, motion: Callable[[np.ndarray], np.ndarray], late: float, expected: Clocks
 ) -> None:
     t = np.arange(0, 6, 1 / RATE)
-    assert _found(tagged, dict.fromkeys(range(2), (t, motion(t))), {}) == Clocks()
-
-
-def test_offsets_that_repeat_are_named(tagged: ObjectModel) -> None:
-    """But one that nobody may have noticed is likelier than the others."""
-    t = np.arange(0, 6, 1 / RATE)
-    found = _found(tagged, dict.fromkeys(range(2), (t, _swing(t))), {1: 0.07})
-    assert found == Clocks({"cam1": pytest.approx(0.07, abs=2e-3)})
-    found = _found(tagged, dict.fromkeys(range(2), (t, _swing(t))), {1: 1.4})
-    assert found.offsets == {}
-    assert found.doubts == {"cam1": "what it and cam0 see moves alike at offsets of 1.40 s and 0.40 s"}
+    assert _found(tagged, dict.fromkeys(range(2), (t, motion(t))), {1: late}) == expected
 
 
 def test_tags_of_unknown_place_are_followed_one_by_one(tagged: ObjectModel, tosses: Film) -> None:
@@ -152,40 +145,8 @@ def test_tags_of_unknown_place_are_followed_one_by_one(tagged: ObjectModel, toss
     assert found.offsets == {"cam1": pytest.approx(2.5, abs=5e-3)}
 
 
-def test_detections_come_in_order_of_time(tagged: ObjectModel, tosses: Film) -> None:
-    rng = np.random.default_rng(3)
-    detections = [d for c in range(2) for d in seen_over_time(KNOWN[c], tagged, *tosses, rng, late=-3.0 * c)]
-    detections.sort(key=lambda d: d.t)
-    in_time = Clocks({"cam1": -3.0}).in_time(detections)
-    for _ in range(2):  # as often as it is asked for
-        again = list(in_time)
-        assert len(again) == len(detections)
-        assert all(a.t <= b.t for a, b in itertools.pairwise(again))
-        assert {round(d.t, 9) for d in again} <= {round(t, 9) for t in tosses[0]}
-
-
-@pytest.mark.parametrize("delay", [0.0405, -0.0213])
-def test_a_late_clock_is_estimated_and_subtracted(tagged: ObjectModel, delay: float):
-    rng, cameras = np.random.default_rng(0), default_rig()
-    t, q = tumble(8 * 220, rng, rate_hz=8 * 148)
-    detections = []
-    for i in range(40, 200):
-        for camera in cameras:
-            k, off = (8 * i + 3, delay) if camera.name == "cam2" else (8 * i, 0.0)  # it also exposes in between
-            detections += seen([camera], tagged, t[k] + off, q[k], rng, 0.1)
-    found, report = track(detections, cameras, tagged)
-    (name, (offset, sigma)) = next(iter(report.clocks.items()))
-    assert list(report.clocks) == ["cam2"]
-    assert offset == pytest.approx(delay, abs=max(5 * sigma, 1e-4))
-    assert sigma < 1e-4
-    assert name == "cam2"
-    truth = q[np.clip(np.round(found.t * 8 * 148).astype(int), 0, len(q) - 1)]
-    assert np.median(np.linalg.norm(found.q[:, :3] - truth[:, :3], axis=1)) < 0.3e-3
-    assert np.mean(nees(found, truth)) < 1.5
-
-
 @pytest.mark.parametrize("known", [True, False])
-@pytest.mark.parametrize(("late", "every"), [(1.3, 1), (-4.0, 5), (0.07, 1)])
+@pytest.mark.parametrize(("late", "every"), [(0.0405, 1), (-4.0, 5)])
 def test_an_offset_of_any_size_is_estimated(tagged: ObjectModel, late: float, every: int, known: bool) -> None:
     """Of cameras at known places or not, of one rate or 148 and 30 frames a second; no sighting is lost."""
     rng, cameras = np.random.default_rng(2), default_rig(n_cameras=2)
@@ -200,9 +161,9 @@ def test_an_offset_of_any_size_is_estimated(tagged: ObjectModel, late: float, ev
     assert offset == pytest.approx(late, abs=max(5 * sigma, 1e-4))
     assert sigma < 2e-4  # of frames that are 6.8 ms apart
     assert sum(found.report.left_out.get("cam1", {}).values()) < 0.02 * found.report.sightings["cam1"]
-    track = found.tracks["cube"]
-    truth = q[np.clip(np.round(track.t * 4 * 148).astype(int), 0, len(q) - 1)]
-    assert np.median(np.linalg.norm(track.q[:, :3] - truth[:, :3], axis=1)) < 2e-3  # mostly by one camera alone
+    poses = found.tracks["cube"]
+    truth = q[np.clip(np.round(poses.t * 4 * 148).astype(int), 0, len(q) - 1)]
+    assert np.median(np.linalg.norm(poses.q[:, :3] - truth[:, :3], axis=1)) < 2e-3  # mostly by one camera alone
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -216,14 +177,6 @@ def test_clocks_that_agree_are_left_alone(tagged: ObjectModel, known: bool) -> N
     assert report.suspects == []
 
 
-def test_cameras_stand_together_on_one_rig_or_on_rigs_that_stand() -> None:
-    bodies = [Body("shelf", True), Body("tripod", True), Body("drone", False)]
-    a, b, c = (replace(default_rig()[0], rig_body=body.name) for body in bodies)
-    assert stand_together(a, b, bodies)
-    assert stand_together(c, c, bodies)
-    assert not stand_together(a, c, bodies)
-
-
 def _test_15(shared_data: Path, late: float) -> tuple[Opened, list[Detection]]:
     """A cube that a hand turns slowly before two cameras at 8 frames a second, the last of them late."""
     path = shared_data / "tagslam_test" / "test_15"
@@ -235,9 +188,9 @@ def _test_15(shared_data: Path, late: float) -> tuple[Opened, list[Detection]]:
     return opened, sorted(stamped, key=lambda d: d.t)
 
 
-@pytest.mark.parametrize("late", [1.3, -4.0])
-def test_a_real_recordings_offset_is_found(shared_data: Path, late: float) -> None:
+def test_a_real_recordings_offset_is_found(shared_data: Path) -> None:
     """Neither of the cameras' places is known."""
+    late = -4.0
     opened, detections = _test_15(shared_data, late)
     cameras = tuple(replace(camera, T_rig_cam=None) for camera in opened.cameras)
     found = clock_offsets(detections, cameras, opened.layout, settings=TrackSettings())

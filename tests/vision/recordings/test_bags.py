@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bz2
 import sqlite3
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,13 @@ def _set_up(folder: Path, tagged: ObjectModel) -> None:
     [(1, StoragePlugin.SQLITE3, False), (2, StoragePlugin.SQLITE3, False), (2, StoragePlugin.MCAP, True)],
 )
 def test_detections_come_back(tmp_path: Path, version: int, plugin: StoragePlugin, rauch: bool):
-    found = read_bag_detections(write_bag(tmp_path, version, plugin=plugin, rauch=rauch), CAMERAS, sigma=0.5)
+    path = write_bag(tmp_path, version, plugin=plugin, rauch=rauch)
+    if version == 1:
+        packed = path.with_suffix(".bag.bz2")
+        packed.write_bytes(bz2.compress(path.read_bytes()))
+        path.unlink()
+        path = packed
+    found = read_bag_detections(path, CAMERAS, sigma=0.5)
     assert found.n_frames == {"left": 20, "right": 20}
     assert found.problems == ()
     assert len(found.detections) == 40
@@ -95,34 +102,43 @@ def test_tagslams_bags_are_read(shared_data: Path, test: int):
         assert set(bag.types.values()) == {"apriltag_msgs/msg/ApriltagArrayStamped"}
 
 
-def test_a_packed_bag_is_unpacked(tmp_path: Path):
-    plain = write_bag(tmp_path, 1)
-    packed = tmp_path / "packed" / "b.bag.bz2"
-    packed.parent.mkdir()
-    packed.write_bytes(bz2.compress(plain.read_bytes()))
-    assert len(read_bag_detections(packed.parent, CAMERAS, sigma=1.0).detections) == 40
+def _cut_in_half(folder: Path) -> Path:
+    bag = write_bag(folder, 2)
+    (data,) = bag.glob("*.db3")
+    data.write_bytes(data.read_bytes()[: data.stat().st_size // 2])
+    return bag
 
 
-def test_a_cut_database_is_an_error(tmp_path: Path):
-    path = write_bag(tmp_path, 2)
-    (data,) = [file for file in path.iterdir() if file.suffix == ".db3"]
-    whole = data.read_bytes()
-    data.write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(FileError, match=r"damaged|cannot|can be read"):
-        read_bag_detections(path, CAMERAS, sigma=1.0)
+def _holding(name: str, content: bytes | None) -> Callable[[Path], Path]:
+    """A file, or where there is no content an empty folder."""
+
+    def make(folder: Path) -> Path:
+        path = folder / name
+        path.mkdir() if content is None else path.write_bytes(content)
+        return path
+
+    return make
 
 
-def test_what_is_no_bag_is_said(tmp_path: Path):
-    for name, content in (("a.bag", b"nonsense"), ("b.mcap", b""), ("c.bag", b""), ("d.bag.bz2", b"no")):
-        (tmp_path / name).write_bytes(content)
-        with pytest.raises(FileError, match=r"can be read|unpacked") as caught:
-            read_bag_detections(tmp_path / name, CAMERAS, sigma=1.0)
-        assert caught.value.path == tmp_path / name
-    with pytest.raises(FileError, match="no such bag"):
-        read_bag_detections(tmp_path / "none", CAMERAS, sigma=1.0)
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(FileError, match="holds no bag"):
-        read_bag_detections(tmp_path / "empty", CAMERAS, sigma=1.0)
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (_holding("a.bag", b"nonsense"), r"a\.bag.*can be read"),
+        (_holding("b.mcap", b""), r"b\.mcap.*can be read"),
+        (_holding("c.bag", b""), r"c\.bag.*can be read"),
+        (_holding("d.bag.bz2", b"no"), r"d\.bag\.bz2.*unpacked"),
+        (_holding("empty", None), "holds no bag"),
+        (lambda folder: folder / "none", "no such bag"),
+        (_cut_in_half, "damaged|cannot|can be read"),
+        *(
+            (lambda folder, kept=kept: _cut(folder, 1, kept=kept), "is not a bag that can be read")
+            for kept in (0, 8, 60)
+        ),
+    ],
+)
+def test_what_is_no_bag_is_said(tmp_path: Path, make: Callable[[Path], Path], says: str) -> None:
+    with pytest.raises(FileError, match=says):
+        read_bag_detections(make(tmp_path), CAMERAS, sigma=1.0)
 
 
 def _tags(path: Path) -> tuple[list[float], tuple[str, ...]]:
@@ -215,7 +231,7 @@ def test_image_encodings():
         grey_image(Path("a.bag"), kind(header(2, 0), 48, 64, "mono8", 0, 64, np.zeros(10, dtype=np.uint8)))
 
 
-@pytest.mark.parametrize("share", [0.3, 0.7, 0.98])
+@pytest.mark.parametrize("share", [0.3, 0.98])
 def test_a_truncated_bag_is_read_as_far_as_it_is_whole_and_reported(tmp_path: Path, share: float):
     path = write_bag(tmp_path, 1)
     whole = path.read_bytes()
@@ -228,18 +244,18 @@ def test_a_truncated_bag_is_read_as_far_as_it_is_whole_and_reported(tmp_path: Pa
     assert "messages are whole" in problem
 
 
-def _cut(tmp_path: Path, size: int | float, **keys: object) -> Path:
-    """An MCAP without its end: a share of its bytes, or all but so many."""
+def _cut(tmp_path: Path, size: int | float, *, kept: int | None = None, **keys: object) -> Path:
+    """An MCAP without its end: a share of its bytes, or all but so many; or only so many that are kept."""
     bag = write_bag(tmp_path, 2, plugin=StoragePlugin.MCAP, **keys)
     (bag / "metadata.yaml").unlink()
     whole = (bag / "bag.mcap").read_bytes()
-    (bag / "bag.mcap").write_bytes(whole[: int(size * len(whole)) if isinstance(size, float) else len(whole) - size])
+    end = int(size * len(whole)) if isinstance(size, float) else len(whole) - size
+    (bag / "bag.mcap").write_bytes(whole[: end if kept is None else kept])
     return bag
 
 
-@pytest.mark.parametrize("packed", ["", "lz4", "zstd"])
-@pytest.mark.parametrize("chunk", [3, 7])
-@pytest.mark.parametrize("size", [0.35, 0.6, 0.97, 1, 8, 37, 300])
+@pytest.mark.parametrize(("packed", "chunk"), [("", 3), ("lz4", 7), ("zstd", 3)])
+@pytest.mark.parametrize("size", [0.35, 0.97, 1, 37, 300])
 def test_an_mcap_without_its_end_is_read_as_far_as_it_is_whole(tmp_path: Path, packed: str, chunk: int, size: int):
     bag = _cut(tmp_path, size, packed=packed, chunk=chunk)
     found = read_bag_detections(tmp_path, CAMERAS, sigma=1.0)
@@ -287,12 +303,3 @@ def test_a_damaged_chunk_ends_an_mcap_without_its_end(tmp_path: Path):
     found = read_bag_detections(bag, CAMERAS, sigma=1.0)
     assert found.n_frames == {"left": 10, "right": 10}
     assert "40 messages are whole" in found.problems[0]
-
-
-@pytest.mark.parametrize("kept", [0, 5, 8, 30, 60])
-def test_an_mcap_that_ends_in_its_header_is_no_bag(tmp_path: Path, kept: int):
-    bag = _cut(tmp_path, 1)
-    path = bag / "bag.mcap"
-    path.write_bytes(path.read_bytes()[:kept])
-    with pytest.raises(FileError, match="is not a bag that can be read"):
-        read_bag_detections(bag, CAMERAS, sigma=1.0)

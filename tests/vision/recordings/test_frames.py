@@ -1,60 +1,68 @@
-"""Image folders: read lazily, and bad frames named."""
+"""Image folders: every frame comes back at its time, read when it is asked for, and what is none is named."""
 
 from __future__ import annotations
 
+import shutil
 import tracemalloc
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from tests.vision.recordings.small import CAMERA, small_frames
-from tests.vision.written import write_recording
+from tests.vision.films import write_recording
 from tossid.errors import FileError, InputError
 from tossid.objects import ObjectModel
 from tossid.types import Frame
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.recordings.formats.frames import read_recording
 from tossid.vision.recordings.writing import RecordingWriter
-from tossid.vision.setup.calibration import write_cameras
 from tossid.vision.setup.layout import layout_of
 
+CAMERA = Camera("left", (64, 48), [60, 60, 32, 24])
+LEFT = Path("frames/left")
 
-def test_frames_come_back(written: Path):
+
+def small_frames() -> list[Frame]:
+    rng = np.random.default_rng(0)
+    return [Frame("left", 0.1 + i / 100, rng.integers(0, 255, (48, 64), dtype=np.uint8)) for i in range(4)]
+
+
+@pytest.fixture
+def written(tmp_path: Path, tagged: ObjectModel) -> Path:
+    """A recording of four small frames of noise."""
+    write_recording(tmp_path / "rec", [CAMERA], layout_of(tagged), small_frames(), image_format="png")
+    return tmp_path / "rec"
+
+
+def first(folder: Path) -> Path:
+    return min((folder / LEFT).iterdir())
+
+
+def renamed(folder: Path, names: list[str]) -> list[float]:
+    """Times of the recording with its frames called otherwise [s]."""
+    for path, name in zip(sorted((folder / LEFT).iterdir()), names, strict=False):
+        path.rename(path.with_name(name))
+    for path in (folder / LEFT).iterdir():
+        if path.name not in names:
+            path.unlink()
+    return [file.t_ns * 1e-9 for file in read_recording(folder).frames["left"]]
+
+
+def test_frames_come_back(written: Path) -> None:
     recording = read_recording(written)
     assert recording.n_frames == 4
     assert recording.rate_hz == pytest.approx(100.0)
     for read, frame in zip(recording, small_frames(), strict=True):
         assert read.t == pytest.approx(frame.t, abs=1e-9)
         np.testing.assert_array_equal(read.image, frame.image)
-    assert [file.path.name for file in recording.frames["left"]] == sorted(
-        p.name for p in (written / "frames" / "left").iterdir()
-    )
 
 
-def test_folders_that_are_no_recording_are_named(written: Path):
-    with pytest.raises(FileError, match="no such folder"):
-        read_recording(written / "nowhere")
-    (written / "frames" / "left" / "notes.txt").write_text("x")
-    with pytest.raises(FileError, match=r"notes\.txt"):
-        read_recording(written)
-    (written / "frames" / "left" / "notes.txt").unlink()
-    (written / "frames" / "right").mkdir()
-    with pytest.raises(FileError, match="right"):
-        read_recording(written)
-    (written / "frames" / "right").rmdir()
-    for path in (written / "frames" / "left").iterdir():
-        path.unlink()
-    with pytest.raises(FileError, match="no frames"):
-        read_recording(written)
-
-
-def test_what_stays_of_a_frame_is_a_name_and_a_time(written: Path):
-    folder = written / "frames" / "left"
-    first = min(folder.iterdir())
+def test_what_stays_of_a_frame_is_a_name_and_a_time(written: Path) -> None:
+    frame = first(written)
     for i in range(5000):
-        (folder / f"{10**9 + 7_000_000 * i:015d}.png").hardlink_to(first)
+        (written / LEFT / f"{10**9 + 7_000_000 * i:015d}.png").hardlink_to(frame)
     kept = []
     for _ in range(3):  # Python's own table of names may have to grow meanwhile, by megabytes
         tracemalloc.start()
@@ -65,107 +73,118 @@ def test_what_stays_of_a_frame_is_a_name_and_a_time(written: Path):
     assert min(kept) < 100 * 5004
     times = [file.t_ns for file in recording.frames["left"]]
     assert times == sorted(times)
-    assert [file.t_ns for file in recording.frames["left"][4:6]] == [10**9, 10**9 + 7_000_000]
+    assert times[4:6] == [10**9, 10**9 + 7_000_000]
+
+
+def test_times_come_from_names_or_from_a_file_beside_the_frames(written: Path) -> None:
+    seconds = renamed(written, ["0000000012750000000.png", "12.5.png", "13.0.png"])
+    np.testing.assert_allclose(seconds, [12.5, 12.75, 13.0])
+    names = ["a.png", "b.png", "c.png"]
+    stamps = [1403636579763555584, 1403636579813555456, 1403636579863555584]
+    table = written / LEFT / "data.csv"
+    for lines, missing in (
+        ([f"{t},{name}" for t, name in zip(stamps, names, strict=True)], r"no time for c\.png"),
+        ([str(t) for t in stamps], "2 times for 3 images"),
+    ):
+        table.write_text("#timestamp [ns],filename\n" + "\n".join(lines))
+        np.testing.assert_allclose(renamed(written, [*names, table.name]), np.array(stamps) * 1e-9)
+        table.write_text("\n".join(lines[:2]))
+        with pytest.raises(FileError, match=missing):
+            read_recording(written)
+
+
+def _copied(name: str, times: int = 1) -> Callable[[Path], object]:
+    """The first frame under another name, or under several that count."""
+    return lambda folder: [shutil.copy(first(folder), folder / LEFT / name.format(i=i)) for i in range(times)]
+
+
+def _only(names: list[str]) -> Callable[[Path], object]:
+    def change(folder: Path) -> None:
+        renamed(folder, names)
+
+    return change
+
+
+def _late(folder: Path) -> None:
+    text = (folder / "cameras.yaml").read_text()
+    (folder / "cameras.yaml").write_text(text.replace("left:\n", "left:\n  clock_offset: 1.0e+300\n"))
+
+
+def _small(folder: Path) -> None:
+    text = (folder / "cameras.yaml").read_text()
+    (folder / "cameras.yaml").write_text(text.replace("64", "32"))
+
+
+def _becomes(content: bytes | int) -> Callable[[Path], object]:
+    """The first frame's bytes, or how many of them are cut off."""
+    return lambda folder: first(folder).write_bytes(
+        first(folder).read_bytes()[:-content] if isinstance(content, int) else content
+    )
 
 
 @pytest.mark.parametrize(
-    ("name", "says"),
+    ("change", "says"),
     [
-        (f"{10**30}.png", "has the time stamp 10{30} ns, expected at most"),
-        ("0.1.png", "has the same time stamp as"),
-        ("notes.doc", "is neither an image nor a file of times"),
-        ("left.png", "is not named like a frame"),
+        (shutil.rmtree, "no such folder"),
+        (lambda folder: (folder / LEFT / "notes.txt").write_text("x"), r"notes\.txt"),
+        (lambda folder: (folder / "frames" / "right").mkdir(), "right"),
+        (lambda folder: [path.unlink() for path in (folder / LEFT).iterdir()], "no frames"),
+        (_copied(f"{10**30}.png"), "has the time stamp 10{30} ns, expected at most"),
+        (_copied("0.1.png"), "has the same time stamp as"),
+        (_copied("notes.doc"), "is neither an image nor a file of times"),
+        (_copied("left.png"), "is not named like a frame"),
+        (_only(["frame_a.png"]), r"frame_a\.png.*time stamp"),
+        (_only([f"{i:04d}.png" for i in range(4)]), r"1e-09 s apart, read in ns.*are the images numbered\?"),
+        (_late, "clock offset"),
+        (_small, "64 by 48"),
+        (_becomes(b"not an image"), "not an image"),
+        (_becomes(b""), "not an image"),
+        (_becomes(b"\xff\xd8\xff\xe0 cut"), "breaks off"),
+        (_becomes(400), "breaks off"),  # and is not filled up
     ],
-)
-def test_a_frame_whose_time_will_not_do_is_named(written: Path, name: str, says: str):
-    folder = written / "frames" / "left"
-    (folder / name).write_bytes(min(folder.iterdir()).read_bytes())
+)  # fmt: skip
+def test_what_is_no_recording_or_no_frame_is_named(written: Path, change: Callable[[Path], object], says: str) -> None:
     with pytest.raises(FileError, match=says):
-        read_recording(written)
-
-
-def test_a_clock_that_is_off_by_ages_is_refused(written: Path):
-    text = (written / "cameras.yaml").read_text()
-    (written / "cameras.yaml").write_text(text.replace("left:\n", "left:\n  clock_offset: 1.0e+300\n"))
-    with pytest.raises(FileError, match="clock offset"):
-        read_recording(written)
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [(b"not an image", "not an image"), (b"", "not an image"), (b"\xff\xd8\xff\xe0 cut", "breaks off")],
-)
-def test_a_frame_that_is_no_image_is_named(written: Path, content: bytes, words: str):
-    file = read_recording(written).frames["left"][2]
-    file.path.write_bytes(content)
-    with pytest.raises(FileError, match=words) as caught:
+        change(written)
         list(read_recording(written))
-    assert caught.value.path == file.path
 
 
-@pytest.mark.parametrize("suffix", ["jpg", "png"])
-def test_a_truncated_image_is_not_filled_up(tmp_path: Path, tagged: ObjectModel, suffix: str):
-    write_recording(tmp_path / "rec", [CAMERA], layout_of(tagged), small_frames(1), image_format=suffix)
-    (file,) = read_recording(tmp_path / "rec").frames["left"]
-    file.path.write_bytes(file.path.read_bytes()[:-400])
-    with pytest.raises(FileError, match="breaks off"):
-        read_recording(tmp_path / "rec").read(file)
+def as_16_bits(written: Path, scale: float, hot: int = 0, dark: int | None = None) -> list[np.ndarray]:
+    """The recording with its frames as 16-bit PNG, their levels scaled, some pixels at the end of the range.
 
-
-def as_16_bits(written: Path, scale: float, hot: int = 0) -> list[np.ndarray]:
-    """The recording with its frames as 16-bit PNG, their levels scaled, some pixels at the end of the range."""
+    Args:
+        written: The recording.
+        scale: Of the levels.
+        hot: Pixels at the end of the range.
+        dark: A frame that is eight times as dark.
+    """
     grey = []
-    for file in read_recording(written).frames["left"]:
-        image = cv2.imread(str(file.path), cv2.IMREAD_GRAYSCALE)
-        file.path.unlink()
-        deep = (image * float(scale)).astype(np.uint16)
+    for i, path in enumerate(sorted((written / LEFT).iterdir())):
+        image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        deep = (image * float(scale)).astype(np.uint16) // (8 if i == dark else 1)
         deep.flat[:hot] = 65535
-        cv2.imwrite(str(file.path.with_suffix(".png")), deep)
+        cv2.imwrite(str(path), deep)
         grey.append(image)
     return grey
 
 
 @pytest.mark.parametrize(("scale", "hot"), [(256, 0), (16, 0), (4, 0), (1, 0), (16, 40), (257, 40)])
-def test_images_of_16_bits_are_scaled_by_the_bits_in_use(written: Path, scale: int, hot: int):
+def test_images_of_16_bits_are_scaled_by_the_bits_in_use(written: Path, scale: int, hot: int) -> None:
     grey = as_16_bits(written, scale, hot)
     for frame, image in zip(read_recording(written), grey, strict=True):
         np.testing.assert_array_equal(frame.image.flat[hot:], image.flat[hot:])
         assert (frame.image.flat[:hot] == 255).all()
 
 
-def test_a_dark_frame_stays_dark_among_the_others_of_its_camera(written: Path):
-    files = read_recording(written).frames["left"]
-    as_16_bits(written, 16)
-    dark = files[1].path.with_suffix(".png")
-    cv2.imwrite(str(dark), cv2.imread(str(dark), cv2.IMREAD_UNCHANGED) // 8)
+def test_the_bits_in_use_are_those_of_a_cameras_frames_together(written: Path) -> None:
+    """A dark frame stays dark, also where it is the first that is read; 9 bits become 150 of 255, half is used."""
+    as_16_bits(written, 300 / 255, dark=1)
     recording = read_recording(written)
-    only = recording.read(recording.frames["left"][1]).image  # also where it is the first that is read
-    assert only.max() < 32
-    assert next(iter(recording)).image.max() > 250
+    assert recording.read(recording.frames["left"][1]).image.max() < 32
+    assert 145 <= max(frame.image.max() for frame in recording) <= 150
 
 
-def test_the_bits_in_use_are_those_of_each_camera(written: Path):
-    """Levels of 300 are 9 bits: they become 150 of 255, a half is always used."""
-    as_16_bits(written, 300 / 255)
-    assert 145 <= max(frame.image.max() for frame in read_recording(written)) <= 150
-
-
-def test_a_frame_of_another_size_is_named(written: Path, tmp_path: Path, tagged: ObjectModel):
-    small = Camera("left", (32, 24), [60, 60, 16, 12])
-    write_cameras([small], written)
-    with pytest.raises(FileError, match="64 by 48"):
-        next(iter(read_recording(written)))
-
-
-def test_jpeg_is_near(tmp_path: Path, tagged: ObjectModel):
-    smooth = np.tile(np.linspace(20, 200, 64), (48, 1)).astype(np.uint8)
-    write_recording(tmp_path / "rec", [CAMERA], layout_of(tagged), [Frame("left", 0.0, smooth)], quality=95)
-    (frame,) = read_recording(tmp_path / "rec")
-    assert np.abs(frame.image.astype(int) - smooth).max() <= 4
-
-
-def test_options_are_checked(tmp_path: Path, tagged: ObjectModel):
-    with pytest.raises(InputError, match="gif"):
-        RecordingWriter(tmp_path / "rec", [CAMERA], layout_of(tagged), image_format="gif")
-    with pytest.raises(InputError, match="101"):
-        RecordingWriter(tmp_path / "rec", [CAMERA], layout_of(tagged), quality=101)
+def test_options_are_checked(tmp_path: Path, tagged: ObjectModel) -> None:
+    for options, says in (({"image_format": "gif"}, "gif"), ({"quality": 101}, "101")):
+        with pytest.raises(InputError, match=says):
+            RecordingWriter(tmp_path / "rec", [CAMERA], layout_of(tagged), **options)

@@ -9,20 +9,14 @@ import pytest
 import torch
 
 from tests.store.makers import contactnets_rows, pll_rows
-from tossid.errors import ConfigError, FileError
-from tossid.objects import ObjectModel
+from tossid.errors import ConfigError
 from tossid.store.importers import TumSource
 from tossid.store.importers.registry import Contents
-from tossid.vision.cameras.rig import default_rig
 from tossid.vision.recordings.registry import (
-    Opened,
     format_named,
-    input_formats,
     open_recording,
     recognized_format,
-    recording_name,
 )
-from tossid.vision.setup.layout import layout_of
 
 
 def _touch(folder: Path, *names: str) -> Path:
@@ -30,13 +24,6 @@ def _touch(folder: Path, *names: str) -> Path:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).touch()
     return folder
-
-
-def test_every_format_names_itself_and_has_a_path() -> None:
-    assert {"frames", "video", "rosbag", "tum", "contactnets", "pll"} <= set(input_formats())
-    for name, entry in input_formats().items():
-        assert entry.name == name
-        assert "path" in {field for cls in entry.settings.__mro__ for field in getattr(cls, "__annotations__", {})}
 
 
 @pytest.mark.parametrize(
@@ -71,13 +58,3 @@ def test_what_is_no_format_or_no_recording_is_refused(tmp_path: Path) -> None:
         format_named("csv")
     with pytest.raises(ConfigError, match="tum holds tracked poses"):
         open_recording(TumSource(path=tmp_path))
-
-
-def test_an_open_recording_says_what_it_lacks(cube: ObjectModel) -> None:
-    path = Path("data/film.bag.bz2")
-    opened = Opened(path=path, folder=path.parent, cameras=default_rig(), layout=layout_of(cube))
-    assert opened.name == recording_name(path) == "film"
-    with pytest.raises(FileError, match="no images"):
-        opened.images()
-    with pytest.raises(FileError, match="give object=NAME"):
-        opened.object()

@@ -1,71 +1,17 @@
-"""Times of frames, from names and from files."""
+"""Files of times of frames: what their numbers are is read or asked for, and rounded times find their grid."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 from tossid.errors import FileError
-from tossid.objects import ObjectModel
-from tossid.vision.cameras.camera import Camera
-from tossid.vision.recordings.formats.frames import read_recording
 from tossid.vision.recordings.times import check_rate, evened, read_times, time_of, usual_rate
-from tossid.vision.setup.calibration import write_cameras
-from tossid.vision.setup.layout import layout_of
-from tossid.vision.setup.tagslam import write_tagslam
 
-SMOOTH = np.tile(np.linspace(20, 120, 64), (48, 1)).astype(np.uint8)
 TIMES = np.array([2.5, 2.51, 2.52, 2.54, 2.55])
 """[s]; a frame is missing."""
-
-
-def _frames(folder: Path, tagged: ObjectModel, names: list[str]) -> Path:
-    write_cameras([Camera("left", (64, 48), [60, 60, 32, 24])], folder)
-    write_tagslam(layout_of(tagged), folder / "tagslam.yaml")
-    (folder / "frames" / "left").mkdir(parents=True)
-    for name in names:
-        cv2.imwrite(str(folder / "frames" / "left" / name), SMOOTH)
-    return folder
-
-
-def _times(folder: Path) -> list[float]:
-    return [file.t_ns * 1e-9 for file in read_recording(folder).frames["left"]]
-
-
-def test_times_come_from_names_in_seconds_or_nanoseconds(tmp_path: Path, tagged: ObjectModel):
-    _frames(tmp_path, tagged, ["12.5.png", "0000000012750000000.png", "13.0.png"])
-    np.testing.assert_allclose(_times(tmp_path), [12.5, 12.75, 13.0])
-
-
-@pytest.mark.parametrize("named", [True, False])
-def test_times_come_from_a_file_beside_the_frames(tmp_path: Path, tagged: ObjectModel, named: bool):
-    names = ["a.png", "b.png", "c.png"]
-    folder = _frames(tmp_path, tagged, names)
-    stamps = [1403636579763555584, 1403636579813555456, 1403636579863555584]
-    lines = [f"{t},{name}" if named else str(t) for t, name in zip(stamps, names, strict=True)]
-    file = folder / "frames" / "left" / "data.csv"
-    file.write_text("#timestamp [ns],filename\n" + "\n".join(lines))
-    np.testing.assert_allclose(_times(folder), np.array(stamps) * 1e-9)
-    file.write_text("\n".join(lines[:2]))
-    with pytest.raises(FileError, match=r"no time for c\.png" if named else "2 times for 3 images"):
-        _times(folder)
-    file.write_text("1.0,a.png\nnever,b.png")
-    with pytest.raises(FileError, match=r"row 2: 'never,b\.png' is no time"):
-        read_times(file)
-
-
-def test_a_frame_without_a_time_is_named(tmp_path: Path, tagged: ObjectModel):
-    with pytest.raises(FileError, match=r"frame_a\.png.*time stamp"):
-        _times(_frames(tmp_path, tagged, ["frame_a.png"]))
-
-
-def test_images_that_are_numbered_have_no_times(tmp_path: Path, tagged: ObjectModel):
-    folder = _frames(tmp_path, tagged, [f"{i:04d}.png" for i in range(5)])
-    with pytest.raises(FileError, match=r"1e-09 s apart, read in ns.*are the images numbered\? A times.txt beside"):
-        _times(folder)
 
 
 @pytest.mark.parametrize(("text", "t_ns"), [("12.5", 12_500_000_000), ("5", 5_000_000_000), ("1.5e0", 1_500_000_000), ("1403636579763555584", 1403636579763555584), ("x", None), ("nan", None), ("inf", None)])  # fmt: skip  # noqa: E501
@@ -118,6 +64,7 @@ def test_files_of_times_say_what_their_numbers_are(tmp_path: Path, content: str,
         ("frame,time\n" + _lines("{t:.6f}"), "row 2: '2.500000' has 1 columns; its header names 2"),
         ("time\n00:00:02.5\n", "row 2: '00:00:02.5' is no time"),
         ("2024-05-01T12:00:00\n", "row 1: .* is no time"),
+        ("1.0,a.png\nnever,b.png", r"row 2: 'never,b\.png' is no time"),
         ("frame,date\n0,12\n", "row 1: 'frame,date' is no time"),
         (str(10**25), "has a time of .* ns, expected at most"),
     ],

@@ -2,41 +2,23 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tossid.errors import FileError
-from tossid.rotations import transform, transform_from_rotvec, transform_points, xyzw_to_wxyz
-from tossid.vision.setup.calibration import read_cameras
-from tossid.vision.setup.faces import tag_corners
-from tossid.vision.setup.layout import Body, BodyTag, TagLayout, object_tags
-from tossid.vision.setup.tagslam import pose_mapping, read_tagslam, write_tagslam
-from tossid.yaml_files import read_pose
-
-number = st.floats(-3.0, 3.0, allow_nan=False)
-
-
-@settings(max_examples=100, deadline=None)
-@given(values=st.lists(number, min_size=6, max_size=6))
-def test_a_pose_comes_back_from_yaml(values: list[float]):
-    rotvec = np.array(values[3:])
-    if np.linalg.norm(rotvec) > 3.1:
-        rotvec *= 3.1 / np.linalg.norm(rotvec)
-    T = transform_from_rotvec(values[:3], rotvec)
-    again = read_pose(Path("x"), "pose", yaml.safe_load(yaml.safe_dump(pose_mapping(T))))
-    np.testing.assert_allclose(again, T, atol=1e-12)
+from tossid.rotations import transform_from_rotvec
+from tossid.vision.setup.layout import Body, BodyTag, TagLayout
+from tossid.vision.setup.tagslam import read_tagslam, write_tagslam
 
 
 @settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(values=st.lists(number, min_size=6, max_size=6), size=st.floats(0.01, 0.5))
+@given(values=st.lists(st.floats(-1.8, 1.8), min_size=6, max_size=6), size=st.floats(0.01, 0.5))
 def test_tag_layouts_come_back_as_written(tmp_path: Path, values: list[float], size: float):
-    T = transform_from_rotvec(values[:3], np.array(values[3:]) / 2)
+    T = transform_from_rotvec(values[:3], np.array(values[3:]))
     layout = TagLayout(
         (
             Body("lab", True, T, size, (BodyTag(9, size, None),)),
@@ -56,43 +38,33 @@ def test_tag_layouts_come_back_as_written(tmp_path: Path, values: list[float], s
     np.testing.assert_array_equal(thing.tags[0].rotation_noise, np.full(3, 0.1))
 
 
-def test_a_boards_tags_lie_where_tagslam_saw_them(shared_data: Path):
-    """TagSLAM's own board pose puts every tag of the board within a few pixels of its detection."""
-    folder = shared_data / "tagslam_test" / "test_23"
-    (camera,) = read_cameras(folder)
-    tags = {tag.id: tag for tag in object_tags(read_tagslam(folder / "tagslam.yaml"), ["tag_board"])}
-    data = np.load(folder / "detections.npz", allow_pickle=False)
-    with (folder / "reference_poses.csv").open() as stream:
-        row = list(csv.DictReader(stream))[100]
-    quat = xyzw_to_wxyz([float(row[f"q{k}"]) for k in "xyzw"])
-    T_world_board = transform(np.array([float(row[k]) for k in "xyz"]), quat)
-    seen = np.flatnonzero(data["t_ns"] == int(row["t_ns"]))
-    assert len(seen) >= 4
-    for i in seen:
-        expected = camera.project(transform_points(T_world_board, tag_corners(tags[int(data["tag_id"][i])])))
-        assert np.abs(expected - data["corners"][i]).max() < 4.0
+BOX = "{is_static: false, type: simple, tags: [{id: 1, size: 0.1}]"
 
 
-def test_measurements_remaps_and_squashes_are_read(tmp_path: Path):
+def test_what_tagslam_takes_in_is_read(tmp_path: Path):
     (tmp_path / "tagslam.yaml").write_text(
-        """
+        f"""
+tagslam_parameters: {{optimizer_mode: full, sync_queue_size: 9, anything_of_a_fork: 3}}
+amnesia: true
+warn_ignore_tags: false
 bodies:
- - lab: {is_static: true, default_tag_size: 0.1, ignore_tags: [9]}
+ - lab: {{is_static: true, default_tag_size: 0.1, ignore_tags: [9]}}
+ - box: {BOX}, T_body_odom: {{}}, odom_topic: /o, odom_frame_id: o, odom_acceleration: 1.0, max_hamming_distance: 2}}
 default_body: lab
 max_hamming_distance: 1
 distance_measurements:
- - wall: {tag1: 1, tag2: 2, corner1: 0, corner2: 3, distance: 1.5, noise: 0.001}
+ - wall: {{tag1: 1, tag2: 2, corner1: 0, corner2: 3, distance: 1.5, noise: 0.001}}
 coordinate_measurements:
- - high: {tag: 1, corner: 2, direction: [0, 0, 1], length: 0.7, noise: 0.01}
+ - high: {{tag: 1, corner: 2, direction: [0, 0, 1], length: 0.7, noise: 0.01}}
 plane_measurements:
- - floor: {tags: [3, 4], direction: [0, 0, 1.0], distance: 0.0, noise: 0.002}
+ - floor: {{tags: [3, 4], direction: [0, 0, 1.0], distance: 0.0, noise: 0.002}}
 tag_id_remap:
  - id: 20
    remaps:
-    - {remap_id: 420, start_time: "1541686885.999522770", end_time: "1541686936.513937363"}
+    - {{remap_id: 420, start_time: "1541686885.999522770", end_time: "1541686936.513937363"}}
 squash:
- - {time: "1527206556.891942748", tags: [85]}
- - {camera: cam1, tags: [8]}
+ - {{time: "1527206556.891942748", tags: [85]}}
+ - {{camera: cam1, tags: [8]}}
 """
     )
     layout = read_tagslam(tmp_path / "tagslam.yaml")
@@ -104,9 +76,6 @@ squash:
     assert layout.squashes[1].camera == "cam1"
     assert layout.max_hamming == 1
     assert layout.bodies[0].ignored_tags == {9}
-
-
-BOX = "{is_static: false, type: simple, tags: [{id: 1, size: 0.1}]"
 
 
 @pytest.mark.parametrize(
@@ -167,17 +136,3 @@ def test_families_are_read_and_written(tmp_path: Path):
     path.write_text("tag_family: 21h7\nbodies:\n- lab: {is_static: true}\n")
     with pytest.raises(FileError, match="tag_family is '21h7', expected one of tag36h11, tag25h9, tag16h5"):
         read_tagslam(path)
-
-
-def test_what_tagslam_takes_in_and_tossid_does_not_use_is_read(tmp_path: Path):
-    (tmp_path / "tagslam.yaml").write_text(
-        f"""
-tagslam_parameters: {{optimizer_mode: full, sync_queue_size: 9, anything_of_a_fork: 3}}
-amnesia: true
-warn_ignore_tags: false
-max_hamming_distance: 1
-bodies:
- - box: {BOX}, T_body_odom: {{}}, odom_topic: /o, odom_frame_id: o, odom_acceleration: 1.0, max_hamming_distance: 2}}
-"""
-    )
-    assert read_tagslam(tmp_path / "tagslam.yaml").max_hamming == 1

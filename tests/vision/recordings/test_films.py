@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import struct
 import tracemalloc
+from collections.abc import Sequence
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from tests.vision.recordings.written_films import LATE, SIZE, STEADY, TICK, damage, number_in, numbered, write_film
 from tossid import budget
 from tossid.errors import FileError, InputError
 from tossid.ingestion import stages
@@ -26,6 +29,87 @@ from tossid.vision.setup.calibration import write_cameras
 from tossid.vision.setup.layout import layout_of
 from tossid.vision.setup.tagslam import write_tagslam
 
+SIZE = (96, 64)
+"""Width and height [px]."""
+BITS = 7
+RATE = 148
+TICK = Fraction(1, RATE * 100)
+"""Unit of time [s] in which `write_film` takes times; a container may round it."""
+
+
+def numbered(number: int) -> NDArray[np.uint8]:
+    """An image with the bits of a number as bright and dark bars, over noise."""
+    width, height = SIZE
+    image = np.random.default_rng(number).integers(60, 120, (height, width), dtype=np.uint8)
+    for bit in range(BITS):
+        image[8:40, 4 + 13 * bit : 14 + 13 * bit] = 235 if number >> bit & 1 else 20
+    return image
+
+
+def number_in(image: NDArray[np.uint8]) -> int:
+    """The number that an image shows."""
+    bars = [float(image[12:36, 6 + 13 * bit : 12 + 13 * bit].mean()) for bit in range(BITS)]
+    return sum((bar > 128) << bit for bit, bar in enumerate(bars))
+
+
+def write_film(
+    path: Path,
+    ticks: Sequence[int] | NDArray[np.int64],
+    *,
+    codec: str = "libx264",
+    b_frames: int = 0,
+    gop: int = 12,
+    turned: int = 0,
+) -> Path:
+    """Write frames 0, 1, 2... at times in units of `TICK`.
+
+    Args:
+        path: Its suffix says which container.
+        ticks: When each frame is shown.
+        codec: FFmpeg's name of the encoder.
+        b_frames: Most frames between two that are shown before they could be decoded in order.
+        gop: Frames from one keyframe to the next.
+        turned: Degrees by which players turn the images, counterclockwise.
+    """
+    options = {"crf": "12", "preset": "ultrafast"}
+    if codec == "libx265":
+        options["x265-params"] = f"log-level=none:bframes={b_frames}:keyint={gop}"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=RATE, options=options if codec.startswith("libx26") else {})
+        stream.width, stream.height = SIZE
+        stream.pix_fmt = "gray" if codec == "ffv1" else "yuvj420p" if codec == "mjpeg" else "yuv420p"
+        stream.codec_context.time_base = Fraction(1, RATE) if path.suffix == ".avi" else TICK
+        stream.gop_size, stream.max_b_frames = gop, b_frames
+        if turned:
+            stream.set_display_rotation(turned)
+        for number, at in enumerate(ticks):
+            frame = av.VideoFrame.from_ndarray(numbered(number), "gray").reformat(format=stream.pix_fmt)
+            frame.pts, frame.time_base = int(at), TICK
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    return path
+
+
+def damage(path: Path, first: int, last: int) -> None:
+    """Overwrite the packets of some frames of a film without B-frames with zeros."""
+    with av.open(str(path)) as container:
+        places = [(packet.pos, packet.size) for packet in container.demux(video=0) if packet.size]
+    content = bytearray(path.read_bytes())
+    for at, size in places[first:last]:
+        content[at : at + size] = bytes(size)
+    path.write_bytes(content)
+
+
+STEADY = np.arange(60) * 100
+LATE = {
+    "constant": STEADY,
+    "dropped": np.delete(np.arange(68), [9, 10, 11, 30, 31, 47, 50, 66]) * 100,
+    "variable": np.concatenate([STEADY[:20], 2000 + 2 * STEADY[:20], 6000 + STEADY[:20]]),
+    "jittered": STEADY + np.random.default_rng(1).integers(0, 60, 60) * (STEADY > 0),
+    "offset": STEADY + 7_400,
+}
+"""When the frames of films of each kind are shown, in units of `TICK`."""
+
 
 def _numbers(index: FilmIndex, which: list[int] | np.ndarray) -> list[int | None]:
     decoder = FilmDecoder(index, turns=0)
@@ -33,9 +117,10 @@ def _numbers(index: FilmIndex, which: list[int] | np.ndarray) -> list[int | None
     return [None if image is None else number_in(image) for image in images]
 
 
-@pytest.mark.parametrize("codec", ["libx264", "libx265"])
 @pytest.mark.parametrize("kind", list(LATE))
-@pytest.mark.parametrize(("b_frames", "suffix"), [(0, ".mp4"), (3, ".mp4"), (3, ".mkv"), (2, ".mov")])
+@pytest.mark.parametrize(
+    ("codec", "b_frames", "suffix"), [("libx264", 0, ".mp4"), ("libx265", 3, ".mkv"), ("libx264", 2, ".mov")]
+)
 def test_each_frame_has_its_time(tmp_path: Path, codec: str, kind: str, b_frames: int, suffix: str):
     ticks = LATE[kind]
     index = index_film(write_film(tmp_path / f"a{suffix}", ticks, codec=codec, b_frames=b_frames))
@@ -83,16 +168,6 @@ def test_a_cut_film_has_the_frames_before_the_cut(tmp_path: Path):
         shown = np.round(np.array(index.t_ns) * 148e-9).astype(int).tolist()
         assert all(number in (i, None) for i, number in zip(shown, found, strict=True))
         assert found.count(None) <= 3
-
-
-def test_damaged_frames_are_none_and_the_others_are_right(tmp_path: Path):
-    path = write_film(tmp_path / "a.mp4", STEADY)
-    damage(path, 24, 36)  # a keyframe, and what hangs on it
-    index = index_film(path)
-    found = _numbers(index, range(60))
-    assert found[:24] == list(range(24))
-    assert found[36:] == list(range(36, 60))
-    assert found[24:36] == [None] * 12
 
 
 def test_a_header_that_claims_other_frames_is_not_believed(tmp_path: Path):
@@ -145,16 +220,6 @@ def test_a_frame_of_too_many_pixels_is_refused(tmp_path: Path):
         budget.use_limits(ReadLimits())
 
 
-@pytest.mark.parametrize("content", [b"", b"no video", b"RIFF\0\0\0\0AVI LIST", b"\x1aE\xdf\xa3"])
-def test_what_is_no_film_is_said(tmp_path: Path, content: bytes):
-    path = tmp_path / "a.mp4"
-    path.write_bytes(content)
-    with pytest.raises(FileError, match="not a video"):
-        index_film(path)
-    with pytest.raises(FileError, match="no such file"):
-        index_film(tmp_path / "b.mp4")
-
-
 @pytest.fixture
 def folder(tmp_path: Path, tagged: ObjectModel) -> Path:
     """A recording without films."""
@@ -171,13 +236,7 @@ def _times(folder: Path, **keys: float) -> np.ndarray:
     return np.array([file.t_ns for file in read_videos(folder, **keys).frames["left"]]) * 1e-9 + 0.5
 
 
-@pytest.mark.parametrize("kind", list(LATE))
-def test_times_are_the_containers(folder: Path, kind: str):
-    write_film(folder / "left.mp4", LATE[kind], b_frames=2)
-    np.testing.assert_allclose(_times(folder), LATE[kind] * float(TICK), atol=1e-8)
-
-
-@pytest.mark.parametrize("kind", ["constant", "dropped", "variable", "offset"])
+@pytest.mark.parametrize("kind", ["dropped", "variable", "offset"])
 def test_times_that_a_container_rounds_to_milliseconds_are_put_back_on_their_grid(folder: Path, kind: str):
     write_film(folder / "left.mkv", LATE[kind])
     off = _times(folder) - LATE[kind] * float(TICK)
@@ -242,14 +301,21 @@ def test_a_turned_film_goes_with_the_calibration_of_its_size(folder: Path, degre
         assert "left as they are stored, as left was calibrated" in recording.problems[0]
 
 
-def test_a_film_of_another_size_is_refused_before_it_is_read(folder: Path):
+def test_a_missing_film_or_one_of_another_size_is_named(folder: Path):
+    with pytest.raises(FileError, match="no video of camera 'left'"):
+        read_videos(folder)
+    for content in (b"", b"no video", b"RIFF\0\0\0\0AVI LIST", b"\x1aE\xdf\xa3"):
+        (folder / "left.mp4").write_bytes(content)
+        with pytest.raises(FileError, match="not a video"):
+            read_videos(folder)
     write_film(folder / "left.mp4", STEADY[:3])
     _calibrated(folder, size=(1920, 1080))
     with pytest.raises(FileError, match="is 96 by 64 px, but left has 1920 by 1080 px"):
         read_videos(folder)
 
 
-def test_damaged_frames_are_counted_and_left_out(folder: Path, tagged: ObjectModel):
+def test_damaged_frames_are_counted_and_left_out(folder: Path, tagged: ObjectModel, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(stages, "usual_cause", lambda *_, **__: None)  # why no tag is seen is not the question
     damage(write_film(folder / "left.mp4", STEADY), 24, 36)
     recording = read_videos(folder)
     assert [number_in(frame.image) for frame in recording.run(recording.frames["left"][20:40])] == [
@@ -263,11 +329,3 @@ def test_damaged_frames_are_counted_and_left_out(folder: Path, tagged: ObjectMod
     with pytest.raises(InputError, match="no tag was seen"):
         list(stages.detect(opened, report=report))
     assert f"{folder}: 12 of 60 frames are damaged and left out" in report.problems
-
-
-def test_a_missing_or_broken_video_is_named(folder: Path):
-    with pytest.raises(FileError, match="no video of camera 'left'"):
-        read_videos(folder)
-    (folder / "left.avi").write_bytes(b"no video")
-    with pytest.raises(FileError, match="not a video"):
-        read_videos(folder)
