@@ -206,7 +206,7 @@ def stands_for(trained: TrainedModel, data: Dataset) -> str:
         return ""
     named = [
         f"{e.name} ({', '.join(f'{key} {value:.2g}' for key, value in e.parameters.items())}; {100 * e.share:.0f} %)"
-        for e in found.effects
+        for e in found.stands_for
     ]
     return ", ".join(named) or ("next to nothing" if found.small else "no name")
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tossid.diagnosis.findings import Brings, Change, Felt, Finding, Gap, Interval, Share
+from tossid.diagnosis.findings import Brings, Change, Felt, Finding, Gap, Interval
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.localisation.place import Corner, Place
 from tossid.diagnosis.localisation.relations import COMPONENTS, STATES, relate
@@ -36,13 +36,12 @@ def gap(rms: float, *, n: int, seed: int = 0) -> Gap:
         for k in range(1, int(rng.integers(60, 100))):
             phase = 1 if k < touch else 2 if k < touch + 2 else 3 if k < touch + 25 else 5
             rows.append((toss, k / 148, phase, (rms**2 - 1) * (phase == 3) + 0.1 * rng.normal()))
-    phases = tuple(
-        Share(name, Interval(x, x - 0.05, x + 0.05))
-        for name, x in (("flight", 0.0), ("impact", 0.2), ("slide", 0.7), ("roll", 0.05), ("rest", 0.05))
-    )
-    channels = tuple(
-        Share(name, Interval(x, x - 0.05, x + 0.05))
-        for name, x in (("p_x", 0.4), ("p_y", 0.3), ("p_z", 0.1), ("r_x", 0.05), ("r_y", 0.05), ("r_z", 0.1))
+    phases, channels = (
+        {name: Interval(x, x - 0.05, x + 0.05) for name, x in shares.items()}
+        for shares in (
+            {"flight": 0.0, "impact": 0.2, "slide": 0.7, "roll": 0.05, "rest": 0.05},
+            {"p_x": 0.4, "p_y": 0.3, "p_z": 0.1, "r_x": 0.05, "r_y": 0.05, "r_z": 0.1},
+        )
     )
     total = Interval(rms, 0.9 * rms, 1.1 * rms)
     return Gap(total, 1.0, 0.2 * rms, 0.1 * rms, phases, channels, np.array(rows), ())
@@ -89,7 +88,7 @@ def diagnosis(model: ObjectModel, *, n: int = 20) -> Diagnosis:
         change=(Change("friction", "mu", 0.18, Interval(0.3, 0.297, 0.303)),),
         brings=brings(12.5, 0.3, n=n),
         gap_closed=Interval(0.93, 0.85, 0.98),
-        unexplained=(),
+        unexplained={},
         hypothesis=hypothesis(model, friction=[0.3]),
         n_tosses=n,
         seconds=12.0,

@@ -66,9 +66,9 @@ def test_friction_is_found_judged_and_its_report_saved(cube: ObjectModel, tmp_pa
     assert after.value < 0.2 * before.value
     # the test split is looked at once
     assert gap.unseen is not None
-    assert gap.unseen.tosses == 2
-    assert gap.unseen.closed.value > 0.5
-    assert next(share for share in gap.gap.by_phase if share.name == "slide").share.value > 0.4
+    assert gap.unseen.n_tosses == 2
+    assert gap.unseen.gap_closed.value > 0.5
+    assert gap.gap.by_phase["slide"].value > 0.4
     assert gap.remarks[0] == "Tosses left out: 1 of 13 are shorter than 11 frames."
     assert gap.patch is not None
     assert gap.patch["keys"]["object.friction"]["before"] == cube.friction
@@ -184,7 +184,7 @@ def test_too_few_for_a_name_have_a_gap_and_say_how_many_a_name_needs(dataset: Da
     gap = diagnose(dataset, World(cube), without=WITHOUT, threads=1, tosses=5, repeats=0)
     assert gap.named == ()
     assert gap.verdict == "unexplained"
-    slide = next(share.share.value for share in gap.gap.by_phase if share.name == "slide")
+    slide = gap.gap.by_phase["slide"].value
     assert slide > 0.3
     assert any("5 tosses are too few" in remark and "twelve" in remark for remark in gap.remarks)
 

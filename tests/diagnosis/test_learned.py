@@ -58,25 +58,25 @@ def test_fields_are_named_with_their_values(cube: ObjectModel, flights: list[Tos
     }
     for name, (k_res, values) in cases.items():
         found = found_in(cube, flights, k_res)
-        assert [effect.name for effect in found.effects] == [name]
-        assert found.effects[0].parameters == pytest.approx(values, rel=0.01)
-        assert found.unexplained < 1e-3
+        assert [effect.name for effect in found.stands_for] == [name]
+        assert found.stands_for[0].parameters == pytest.approx(values, rel=0.01)
+        assert found.unexplained_share < 1e-3
     found = found_in(cube, flights, field(np.array([0.0, 0.0, -5.81]), NO, NO), gravity=4.0)
-    assert [(e.name, round(e.parameters["g_ms2"], 2)) for e in found.effects] == [("gravity", 9.81)]
+    assert [(e.name, round(e.parameters["g_ms2"], 2)) for e in found.stands_for] == [("gravity", 9.81)]
 
 
 def test_two_forces_are_two_names(cube: ObjectModel, flights: list[Toss]) -> None:
     inertia = float(cube.inertia[0, 0, 0])
     both = found_in(cube, flights, field(np.zeros(3), 3.0 / 0.37 * SWIRL, NO, spin=-1e-2 / inertia))
-    assert {effect.name for effect in both.effects} == {"vortex", "spin_drag"}
-    assert sum(effect.share for effect in both.effects) == pytest.approx(1 - both.unexplained)
+    assert {effect.name for effect in both.stands_for} == {"vortex", "spin_drag"}
+    assert sum(effect.share for effect in both.stands_for) == pytest.approx(1 - both.unexplained_share)
 
 
 def test_what_is_small_or_no_force_has_no_name(cube: ObjectModel, flights: list[Toss]) -> None:
     small = found_in(cube, flights, field(np.array([0.01, 0.0, 0.0]), NO, NO))
     assert small.small
-    assert not small.effects
+    assert not small.stands_for
     shear = np.array([[0.0, 0.0, 4.0], [0.0, 0.0, 0.0], [4.0, 0.0, 0.0]])
     other = found_in(cube, flights, field(np.zeros(3), shear - np.diag([3.0, 0.0, -3.0]), NO))
-    assert other.unexplained > 0.3
+    assert other.unexplained_share > 0.3
     assert learned_forces(World(cube), flights, effects_for(cube)) is None

@@ -10,7 +10,7 @@ import pytest
 
 from tests.diagnosis.by_hand import EFFECTS, diagnosis, finding, with_place, without_effects
 from tossid.diagnosis.effect_findings import changes, size_of
-from tossid.diagnosis.findings import Brings, Felt, Interval, Share, mean_over_tosses, ratio_over_tosses
+from tossid.diagnosis.findings import Brings, Felt, Interval, mean_over_tosses, ratio_over_tosses
 from tossid.diagnosis.localisation.place import Corner
 from tossid.diagnosis.localisation.witnesses import Witness
 from tossid.objects import ObjectModel
@@ -21,7 +21,7 @@ ONE = Interval(1.0, 0.5, 1.5)
 def test_the_whole_is_written_as_the_contract_has_it(cube: ObjectModel) -> None:
     made = replace(
         with_place(cube),
-        unexplained=(Share("impact", Interval(0.07, 0.02, 0.12)),),
+        unexplained={"impact": Interval(0.07, 0.02, 0.12)},
         witnesses=(Witness("rebound", "restitution", 0.0, 0.31, Interval(0.3, 0.25, 0.35), 7, contradicts=True),),
     )
     found = made.as_json()

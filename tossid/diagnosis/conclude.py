@@ -287,7 +287,7 @@ def known_so_far(under_way: UnderWay) -> Diagnosis:
         change=changes(findings),
         brings=brings_of(tosses, was, now, width=h.base.object.width, unseen=False),
         gap_closed=NOTHING,
-        unexplained=(),
+        unexplained={},
         hypothesis=h,
         n_tosses=len(tosses),
         seconds=time.perf_counter() - under_way.since,

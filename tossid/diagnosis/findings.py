@@ -42,6 +42,17 @@ class Interval(Part):
     low: float
     high: float
 
+    @staticmethod
+    def of(value: float, drawn: Array) -> Interval:
+        """A value with its percentile interval.
+
+        Args:
+            value: The estimate.
+            drawn: (r,) what resampled tosses give.
+        """
+        low, high = np.percentile(drawn, [2.5, 97.5])
+        return Interval(float(value), float(low), float(high))
+
     def scaled(self, by: float) -> Interval:
         """All three times a factor.
 
@@ -50,30 +61,17 @@ class Interval(Part):
         """
         return Interval(by * self.value, by * self.low, by * self.high)
 
-    def as_json(self) -> dict[str, Any]:
-        """{"value", "ci95"}."""
-        return {"value": self.value, "ci95": [self.low, self.high]}
+    def as_json(self, name: str = "value") -> dict[str, Any]:
+        """{"value", "ci95"}.
+
+        Args:
+            name: Under which the value stands: of a part of the gap, "share".
+        """
+        return {name: self.value, "ci95": [self.low, self.high]}
 
 
 NOTHING = Interval(0.0, 0.0, 0.0)
 """A share of nothing."""
-
-
-@dataclass(frozen=True)
-class Share(Part):
-    """A part of the gap above the noise floor.
-
-    Attributes:
-        name: Of a phase or a channel.
-        share: Its share of the whole.
-    """
-
-    name: str
-    share: Interval
-
-    def as_json(self) -> dict[str, Any]:
-        """{"share", "ci95"}."""
-        return {"share": self.share.value, "ci95": [self.share.low, self.share.high]}
 
 
 @dataclass(frozen=True)
@@ -85,8 +83,8 @@ class Gap(Part):
         noise_floor: What it would be if the simulator were right, from the noise of the recorded poses.
         position_mm: Root mean square distance of predictions over short windows [mm].
         rotation_deg: Root mean square angle, likewise [deg].
-        by_phase: Shares of the excess of deviance over the floor.
-        by_channel: Likewise.
+        by_phase: Shares of the excess of deviance over the floor, by the phase's name.
+        by_channel: Likewise by channel.
         frames: (m, 4) toss, time [s], phase and excess of each row of a window, for figures.
         odd: Names of tosses whose residuals are far larger than the others'.
         after_impacts: The share in frames that follow an impact within the same window, whatever phase they are in:
@@ -97,11 +95,11 @@ class Gap(Part):
     noise_floor: float
     position_mm: float
     rotation_deg: float
-    by_phase: tuple[Share, ...]
-    by_channel: tuple[Share, ...]
+    by_phase: dict[str, Interval]
+    by_channel: dict[str, Interval]
     frames: Array
     odd: tuple[str, ...]
-    after_impacts: Share = Share("after_impacts", NOTHING)
+    after_impacts: Interval = NOTHING
 
     def as_json(self) -> dict[str, Any]:
         """The sizes of gap.json's "gap" and "gap_left"."""
@@ -110,7 +108,7 @@ class Gap(Part):
             "noise_floor": self.noise_floor,
             "position_mm": self.position_mm,
             "rotation_deg": self.rotation_deg,
-            "after_impacts": self.after_impacts.as_json(),
+            "after_impacts": self.after_impacts.as_json("share"),
         }
 
 
@@ -379,8 +377,7 @@ def ratio_over_tosses(above: Array, below: Array) -> Interval:
         return np.asarray(top / np.where(np.abs(bottom) > LEAST_BELOW, bottom, LEAST_BELOW))
 
     drawn = np.random.default_rng(0).integers(0, n, (RESAMPLES, n))
-    low, high = np.percentile(ratio(above[drawn].sum(1), below[drawn].sum(1)), [2.5, 97.5])
-    return Interval(float(ratio(above.sum(), below.sum())), float(low), float(high))
+    return Interval.of(float(ratio(above.sum(), below.sum())), ratio(above[drawn].sum(1), below[drawn].sum(1)))
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from tossid.diagnosis.inference.hypothesis import Hypothesis
-from tossid.diagnosis.parts import Part, plain
+from tossid.diagnosis.parts import Part
 from tossid.physics.effects import Effect, World
 from tossid.physics.effects.wrenches import acceleration_of_motions, airborne, body_motions, learned_field
 from tossid.types import Toss
@@ -58,28 +57,18 @@ class LearnedForces(Part):
     """What a learned acceleration does in flight.
 
     Attributes:
-        linear: Its root mean square at the centre of mass [m/s²].
-        angular: The same of its angular part [rad/s²]; 0 for an object with joints, where it is not looked at.
+        linear_ms2: Its root mean square at the centre of mass [m/s²].
+        angular_rads2: The same of its angular part [rad/s²]; 0 for an object with joints, where it is not looked at.
         small: Whether that is next to nothing.
-        effects: Those that it stands for, the largest first.
-        unexplained: Share of its mean square that these leave.
+        stands_for: Effects that it stands for, the largest first.
+        unexplained_share: Share of its mean square that these leave.
     """
 
-    linear: float
-    angular: float
+    linear_ms2: float
+    angular_rads2: float
     small: bool
-    effects: tuple[StandsFor, ...] = ()
-    unexplained: float = 1.0
-
-    def as_json(self) -> dict[str, Any]:
-        """gap.json's "learned_acceleration"."""
-        return {
-            "linear_ms2": self.linear,
-            "angular_rads2": self.angular,
-            "small": self.small,
-            "stands_for": plain(self.effects),
-            "unexplained_share": self.unexplained,
-        }
+    stands_for: tuple[StandsFor, ...] = ()
+    unexplained_share: float = 1.0
 
 
 def learned_forces(world: World, tosses: Sequence[Toss], library: Sequence[Effect]) -> LearnedForces | None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -10,7 +12,15 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.findings import FOUND, Brings, Change, ChangeLeft, Finding, Gap, Interval, Share
+from tossid.diagnosis.findings import (
+    FOUND,
+    Brings,
+    Change,
+    ChangeLeft,
+    Finding,
+    Gap,
+    Interval,
+)
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.learned import LearnedForces
 from tossid.diagnosis.localisation.disagreement import SolverDisagreement
@@ -18,7 +28,10 @@ from tossid.diagnosis.localisation.noise import MeasuredNoise
 from tossid.diagnosis.localisation.place import Place
 from tossid.diagnosis.localisation.witnesses import Witness
 from tossid.diagnosis.parts import Part, plain
+from tossid.diagnosis.patch.make import ASSETS
 from tossid.diagnosis.plane import Plane
+from tossid.outputs import write_whole
+from tossid.plain_json import jsonable
 from tossid.types import RecordingOrder
 
 if TYPE_CHECKING:
@@ -51,18 +64,14 @@ class Unseen(Part):
     """What was found, on tosses of the test split, which nothing has seen before.
 
     Attributes:
-        tosses: How many.
-        closed: Share of the gap above the noise floor that all effects close.
+        n_tosses: How many.
+        gap_closed: Share of the gap above the noise floor that all effects close.
         brings: Whole tosses.
     """
 
-    tosses: int
-    closed: Interval
+    n_tosses: int
+    gap_closed: Interval
     brings: Brings
-
-    def as_json(self) -> dict[str, Any]:
-        """gap.json's "unseen"."""
-        return {"n_tosses": self.tosses, "gap_closed": plain(self.closed), "brings": plain(self.brings)}
 
 
 @dataclass(frozen=True, repr=False)
@@ -78,7 +87,7 @@ class Diagnosis:
         change: What a person changes, in the order in which it matters.
         brings: What that brings for whole tosses, in the user's own engine wherever it can be run.
         gap_closed: Share of the gap that all effects close, on tosses that took no part.
-        unexplained: Phases in which clearly much of the gap is left.
+        unexplained: Phases in which clearly much of the gap is left, with their shares.
         hypothesis: The simulator with all effects.
         n_tosses: How many tosses took part.
         seconds: How long it took.
@@ -114,7 +123,7 @@ class Diagnosis:
     change: tuple[Change, ...]
     brings: Brings
     gap_closed: Interval
-    unexplained: tuple[Share, ...]
+    unexplained: dict[str, Interval]
     hypothesis: Hypothesis
     n_tosses: int
     seconds: float
@@ -178,8 +187,8 @@ class Diagnosis:
     def as_json(self) -> dict[str, Any]:
         """The content of gap.json (schema tossid.gap/1)."""
         gap = {
-            "by_phase": [{"phase": share.name, **share.as_json()} for share in self.gap.by_phase],
-            "by_channel": [{"channel": share.name, **share.as_json()} for share in self.gap.by_channel],
+            "by_phase": _shares("phase", self.gap.by_phase),
+            "by_channel": _shares("channel", self.gap.by_channel),
             "odd_tosses": list(self.gap.odd),
             "by_corner": plain(self.place.corners),
             "wrench": plain(self.place.wrench),
@@ -195,7 +204,7 @@ class Diagnosis:
             "probability_none": self.probability_none,
             "gap_closed": plain(self.gap_closed),
             "unexplained_share": max(0.0, 1.0 - self.gap_closed.value),
-            "unexplained_where": [{"phase": share.name, **share.as_json()} for share in self.unexplained],
+            "unexplained_where": _shares("phase", self.unexplained),
             "hypothesis": {effect.name: effect.named(x) for effect, x in self.hypothesis.items()},
         }
         beside = {
@@ -241,9 +250,18 @@ class Diagnosis:
         Raises:
             OutputError: The disk refuses.
         """
-        from tossid.diagnosis.presentation import save
+        from tossid.diagnosis.report import report_html, report_pngs
 
-        return save(self, Path(folder))
+        folder, figures, patch = Path(folder), report_pngs(self), self.patch or {}
+        gap = json.dumps(jsonable(self.as_json()), indent=2, allow_nan=False) + "\n"
+        files = {"gap.html": report_html(self, figures).encode(), "gap.json": gap.encode()}
+        files |= {f"figures/{name}.png": png for name, png in figures.items()}
+        if patch.get("mjcf"):
+            files["patched.xml"] = patch["mjcf"].encode()
+            files |= {f"{ASSETS}/{name}": Path(source).read_bytes() for name, source in patch.get("assets", {}).items()}
+        for name, content in files.items():
+            write_whole(folder / name, content)
+        return folder
 
     def metrics(self) -> dict[str, float]:
         """The main numbers, flat, as a tracker logs them; unknown ones are left out.
@@ -268,11 +286,16 @@ class Diagnosis:
 
     def __repr__(self) -> str:
         """What to change, what that brings, how sure it is, and what is left."""
-        from tossid.diagnosis.presentation import summary
+        from tossid.diagnosis.report import card_of
 
-        return summary(self)
+        return str(card_of(self))
 
     def _repr_html_(self) -> str:
-        from tossid.diagnosis.presentation import notebook_html
+        from tossid.diagnosis.report import report_notebook, report_pngs
 
-        return notebook_html(self)
+        return report_notebook(self, report_pngs(self))
+
+
+def _shares(kind: str, shares: Mapping[str, Interval]) -> list[dict[str, Any]]:
+    """Shares of the gap by phase or channel, as gap.json has them."""
+    return [{kind: name, **share.as_json("share")} for name, share in shares.items()]

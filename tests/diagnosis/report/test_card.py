@@ -9,7 +9,7 @@ import pytest
 
 from tests.diagnosis.by_hand import EFFECTS, brings, diagnosis, finding, without_effects
 from tests.diagnosis.report.test_words import RELEASE
-from tossid.diagnosis.findings import Brings, Change, ChangeLeft, Felt, Interval, OverOrder, Share, Stretch
+from tossid.diagnosis.findings import Brings, Change, ChangeLeft, Felt, Interval, OverOrder, Stretch
 from tossid.diagnosis.localisation.disagreement import SolverDisagreement
 from tossid.diagnosis.report.card import VERDICTS, card_of
 from tossid.diagnosis.result import Diagnosis, Interruption
@@ -105,7 +105,7 @@ def test_what_is_not_sure_and_what_is_too_small_have_a_line_each(cube: ObjectMod
         verdict="partly_explained",
         findings=(*made.findings[:2], unsure, small),
         change=(*made.change, change),
-        unexplained=(Share("impact", Interval(0.3, 0.2, 0.4)),),
+        unexplained={"impact": Interval(0.3, 0.2, 0.4)},
         changes_left=(ChangeLeft("12", 0.001),),
         gap=replace(made.gap, odd=("3", "7")),
         probability_none=0.03,

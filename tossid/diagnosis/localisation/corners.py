@@ -65,13 +65,13 @@ def corner_shares(tosses: Sequence[Toss], world: World, rows: Rows, dt: float, *
     if not (np.quantile(of, LEVEL, axis=0) > 0).any():
         return ()
     share = np.maximum(excess.sum(0), 0.0) / np.maximum(first.sum(0), 0.0).sum()
-    low, high = np.percentile(drawn / np.maximum(of.sum(1, keepdims=True), 1e-9), [2.5, 97.5], axis=0)
+    shares = drawn / np.maximum(of.sum(1, keepdims=True), 1e-9)
     parts, frames = touching.sum(0).T
     zero = np.eye(world.object.nq)[3]  # the base at the origin, not turned, and joints at zero
     return tuple(
         Corner(
             place=(float(x), float(y), float(z)),
-            share=Interval(float(share[c]), float(low[c]), float(high[c])),
+            share=Interval.of(share[c], shares[:, c]),
             frames=int(frames[c]),
             per_frame=float(share[c] * parts.sum() / parts[c]) if parts[c] > 0 else None,
             link=int(world.object.corner_body[c]),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.diagnosis.findings import Gap, Interval, Share, ratio_over_tosses
+from tossid.diagnosis.findings import Gap, Interval, ratio_over_tosses
 from tossid.diagnosis.inference.evidence import Evidence
 from tossid.diagnosis.likelihood.density import student_deviance
 from tossid.diagnosis.localisation.noise import Floor
@@ -124,8 +124,8 @@ def measure_gap(tosses: Sequence[Toss], rows: Rows, floor: Floor) -> Gap:
     total = Interval(*(float(np.sqrt(max(x, 0.0))) for x in (ratio.value, ratio.low, ratio.high)))
     whole = rows.by_toss(rows.excess)
 
-    def share(name: str, of_tosses: Array) -> Share:
-        return Share(name, ratio_over_tosses(of_tosses, whole))
+    def share(of_tosses: Array) -> Interval:
+        return ratio_over_tosses(of_tosses, whole)
 
     mean = squares / np.maximum(count, 1)
     middle = np.median(mean)
@@ -136,27 +136,24 @@ def measure_gap(tosses: Sequence[Toss], rows: Rows, floor: Floor) -> Gap:
         noise_floor=floor.rms,
         position_mm=1e3 * rows.position_rms,
         rotation_deg=float(np.rad2deg(rows.rotation_rms)),
-        by_phase=tuple(share(phase.name.lower(), rows.excess_where(rows.phase == phase)) for phase in PHASES),
-        by_channel=tuple(share(name, rows.by_toss(rows.excess[:, c])) for c, name in channels),
+        by_phase={phase.name.lower(): share(rows.excess_where(rows.phase == phase)) for phase in PHASES},
+        by_channel={name: share(rows.by_toss(rows.excess[:, c])) for c, name in channels},
         frames=np.stack([rows.toss, rows.time, rows.phase, rows.excess.mean(1)], axis=1),
         odd=tuple(toss.name for toss, size in zip(tosses, mean, strict=True) if size > far),
-        after_impacts=share("after_impacts", rows.excess_where(rows.after_impact)),
+        after_impacts=share(rows.excess_where(rows.after_impact)),
     )
 
 
-def phases_left(before: Rows, after: Rows) -> tuple[Share, ...]:
-    """Phases in which clearly some of the first gap is left.
+def phases_left(before: Rows, after: Rows) -> dict[str, Interval]:
+    """Phases in which clearly some of the first gap is left, with their shares of it.
 
     Args:
         before: Of the simulator as it is stated.
         after: With what was found.
     """
-    whole, out = before.by_toss(before.excess), []
-    for phase in PHASES:
-        share = ratio_over_tosses(after.excess_where(after.phase == phase), whole)
-        if share.low > 0 and share.value > LEAST_LEFT:
-            out.append(Share(phase.name.lower(), share))
-    return tuple(out)
+    whole = before.by_toss(before.excess)
+    shares = {p.name.lower(): ratio_over_tosses(after.excess_where(after.phase == p), whole) for p in PHASES}
+    return {name: share for name, share in shares.items() if share.low > 0 and share.value > LEAST_LEFT}
 
 
 def is_clear(rows: Rows, phases: Sequence[Phase]) -> bool:

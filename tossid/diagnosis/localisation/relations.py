@@ -95,7 +95,7 @@ def relate(
         r2_state=r2_state,
         p_state=p_state,
         state_clear=state_clear,
-        means={name: _interval(each.coefficients(None, counts)[:, 0]) for name, each in samples.items()},
+        means={name: each.mean(counts) for name, each in samples.items()},
         points=np.stack([best.states[:, s], best.value, np.sqrt(best.variance), best.toss], axis=1),
         curve=best.curve(s, counts),
     )
@@ -104,12 +104,6 @@ def relate(
 def _p_value(shares: Array) -> float:
     """How often what chance explains, all but the first, is as much as the first."""
     return float((shares >= shares[0]).mean())
-
-
-def _interval(drawn: Array) -> Interval:
-    """The first value, with the percentile interval of the others."""
-    low, high = np.percentile(drawn[1:], [2.5, 97.5])
-    return Interval(float(drawn[0]), float(low), float(high))
 
 
 @dataclass(frozen=True)
@@ -174,7 +168,13 @@ class _Sample:
     def explained(self, s: int | None, y: Array, counts: Array) -> Interval:
         """The share of the squares of y (m,) that a curve explains, with its interval over tosses."""
         whole, left = counts @ self._by_toss(y**2), counts @ self._by_toss(self.left(s, y[:, None])[:, 0] ** 2)
-        return _interval(1 - left / np.maximum(whole, 1e-300))
+        first, *drawn = 1 - left / np.maximum(whole, 1e-300)
+        return Interval.of(first, np.array(drawn))
+
+    def mean(self, counts: Array) -> Interval:
+        """The component's mean, with its interval over tosses."""
+        first, *drawn = self.coefficients(None, counts)[:, 0]
+        return Interval.of(first, np.array(drawn))
 
     def coefficients(self, s: int | None, counts: Array) -> Array:
         """(r, p) of the curve over a state, or of the mean if None, in samples in which tosses count (r, n) times."""

@@ -113,8 +113,7 @@ class Measurement(NamedTuple):
         if len(medians) < FEWEST:
             return None
         pick = np.random.default_rng(0).integers(0, len(medians), (RESAMPLES, len(medians)))
-        low, high = np.percentile(np.median(medians[pick], axis=1), [2.5, 97.5])
-        return Interval(float(np.median(medians)), float(low), float(high))
+        return Interval.of(float(np.median(medians)), np.median(medians[pick], axis=1))
 
 
 def _medians(measured: Array, toss: Index) -> Array:

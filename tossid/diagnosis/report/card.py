@@ -190,9 +190,9 @@ def _of_windows(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "within_solver_disagreement" and other is not None:
         limit = f"{short(other.position_mm, 2)} mm and {short(other.rotation_deg, 2)} deg"
         return f"Short windows are off by {sizes}. Another exact solver differs by up to {limit} in contact."
-    shares = diagnosis.unexplained or (() if diagnosis.found else diagnosis.gap.by_phase)
-    largest = sorted((s for s in shares if s.share.value > 0), key=lambda s: -s.share.value)[:2]
-    where = listed([f"{PHASES[s.name]} ({percent(s.share.value)} of the gap)" for s in largest])
+    shares = diagnosis.unexplained or ({} if diagnosis.found else diagnosis.gap.by_phase)
+    largest = sorted((name for name in shares if shares[name].value > 0), key=lambda name: -shares[name].value)[:2]
+    where = listed([f"{PHASES[name]} ({percent(shares[name].value)} of the gap)" for name in largest])
     return f"Short windows are off by {sizes}" + (f", mostly {where}." if where else ".")
 
 

@@ -91,13 +91,8 @@ def gap_by_part(diagnosis: Diagnosis) -> Figure:
         (axes[1], "By channel", before.by_channel, left.by_channel),
     ):
         ax.set_title(title)
-        after = {s.name: Interval(*(scale * x for x in (s.share.value, s.share.low, s.share.high))) for s in theirs}
-        share_rows(
-            ax,
-            [_row(s.name) for s in ours],
-            [s.share for s in ours],
-            [after[s.name] for s in ours] if diagnosis.found else (),
-        )
+        after = [theirs[name].scaled(scale) for name in ours] if diagnosis.found else ()
+        share_rows(ax, [_row(name) for name in ours], list(ours.values()), after)
         ax.set_xlabel("share of the original gap [%]")
     colour_key(figure, y=0.78, after=bool(diagnosis.found))
     footnote(figure, "Thin lines: 95 % intervals over tosses. Negative: less than noise alone gives.")
