@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import pytest
-
-from tossid.audit.figures import detection, wilson
+from tossid.audit.figures import detection
 
 
 def test_each_case_stands_at_its_least_displacement() -> None:
@@ -13,8 +11,3 @@ def test_each_case_stands_at_its_least_displacement() -> None:
     points = [line.get_xydata() for line in detection([right, wrong]).axes[0].get_lines()]
     single = [xy[0].tolist() for xy in points if len(xy) == 1]
     assert [(x, round(y)) for x, y in single] == [(20.0, 1), (3.0, 0)]
-
-
-def test_wilsons_interval_is_the_published_one() -> None:
-    """Newcombe 1998, table I: 81 of 263."""
-    assert wilson(81, 263) == (pytest.approx(0.2553, abs=1e-4), pytest.approx(0.3662, abs=1e-4))

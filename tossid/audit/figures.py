@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from scipy.stats import binomtest
 
 from tossid.evaluation.figures.style import INK, MUTED, footnote, key_row, new_figure, panel_grid, styled
 
@@ -41,7 +42,7 @@ def detection(rows: Sequence[Mapping[str, Any]]) -> Figure:
             y = float(value) + rng.uniform(-0.02, 0.02, int(chosen.sum()))
             ax.plot(size[chosen], y, marker, color=color, ms=5, alpha=0.8, ls="none")
     for part in np.array_split(np.argsort(size), min(GROUPS, len(rows))):
-        low, high = wilson(int(right[part].sum()), len(part))
+        low, high = binomtest(int(right[part].sum()), len(part)).proportion_ci(method="wilson")
         middle = math.exp(float(np.log(size[part]).mean()))
         ax.plot([middle, middle], [low, high], color=MUTED, lw=1.2)
         ax.plot([size[part].min(), size[part].max()], [right[part].mean()] * 2, color=INK, lw=2.2)
@@ -60,15 +61,3 @@ def detection(rows: Sequence[Mapping[str, Any]]) -> Figure:
     key_row(figure, entries, y=0.72)
     footnote(figure, "Bars: 95 % intervals (Wilson).")
     return figure
-
-
-def wilson(count: int, of: int) -> tuple[float, float]:
-    """The 95 % interval of a share (Wilson 1927).
-
-    Args:
-        count: How many.
-        of: Of how many, at least one.
-    """
-    z, p = 1.96, count / of
-    middle, half = p + z * z / (2 * of), z * math.sqrt(p * (1 - p) / of + z * z / (4 * of * of))
-    return (middle - half) / (1 + z * z / of), (middle + half) / (1 + z * z / of)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable
 from concurrent.futures import Future
 from functools import partial
@@ -23,7 +21,7 @@ from tossid.objects import ObjectModel, load_object
 from tossid.outputs import only_writer
 from tossid.parallel import as_done
 from tossid.physics.effects import World
-from tossid.plain_json import jsonable
+from tossid.plain_json import digest_of
 from tossid.settings.audit import AuditSettings
 from tossid.settings.changed import changed
 from tossid.settings.objects import ObjectSettings
@@ -95,7 +93,7 @@ def plan(model: ObjectModel, settings: AuditSettings, *, code: str = "") -> list
     only_lcp = only_in_lcp(model, settings)
     effects = [name for name in strengths_for(model) if "lcp" in settings.engines or name not in only_lcp]
     cases = draw_cases(settings, effects=effects, only_lcp=only_lcp)
-    return [Job(case, model, settings, _digest({**depends, "case": case.as_json()})) for case in cases]
+    return [Job(case, model, settings, digest_of({**depends, "case": case.as_json()})) for case in cases]
 
 
 def only_in_lcp(model: ObjectModel, settings: AuditSettings) -> list[str]:
@@ -108,7 +106,3 @@ def only_in_lcp(model: ObjectModel, settings: AuditSettings) -> list[str]:
     plain, u = World(model), np.full(8, 0.5)
     worlds = {name: world_with(plain, {name: one.values(one.high, u)}) for name, one in strengths_for(model).items()}
     return [name for name, world in worlds.items() if any(ENGINES[engine].lacks(world) for engine in settings.engines)]
-
-
-def _digest(value: Any) -> str:
-    return hashlib.sha256(json.dumps(jsonable(value), sort_keys=True).encode()).hexdigest()
