@@ -38,7 +38,7 @@ from tossid.diagnosis.localisation.corners import place_of
 from tossid.diagnosis.localisation.disagreement import solver_disagreement
 from tossid.diagnosis.localisation.gap import Rows, in_short, measure_gap, phases_left, rows_of
 from tossid.diagnosis.localisation.noise import noise_floor
-from tossid.diagnosis.localisation.rollouts import measured_again, rolled_out
+from tossid.diagnosis.localisation.rollouts import measured_again
 from tossid.diagnosis.localisation.witnesses import witnesses
 from tossid.diagnosis.over_order import Undone, changes_left, findings_over_order, without_changes
 from tossid.diagnosis.plane import in_plane
@@ -195,8 +195,7 @@ def _concluded(recorded: Problem, first: Evidence, undone: Undone, engine: Engin
         others = Sample(problem.windows_of(problem.unseen, tosses), len(held), threads)
         fold = judged_by(held, others, problem.stated, found)
         unseen = Unseen(len(held), closed_share([fold], floor.deviance), whole([fold], problem.unseen))
-    runs = rolled_out(tosses, h.world(), sample.windows, n_threads=threads)
-    made = measured_again(tosses, runs, draws=WITNESS_DRAWS, seed=seed)
+    made = measured_again(tosses, runs_in_tossid(h, tosses, sample), draws=WITNESS_DRAWS, seed=seed)
     return Diagnosis(
         verdict=verdict,
         gap=gap,

@@ -30,7 +30,7 @@ def test_first_states_are_those_of_the_world_with_its_forces(cube: ObjectModel) 
     assert len(flying) >= 8
 
     def missed(asked: World) -> float:
-        v = first_states(tosses, asked)[1]
+        v = first_states(tosses, asked, windows)[1]
         return float(np.sqrt(((v - truth)[flying, :3] ** 2).mean()))
 
     assert missed(world) < 0.01
@@ -40,7 +40,7 @@ def test_first_states_are_those_of_the_world_with_its_forces(cube: ObjectModel) 
 def test_first_states_with_a_joint_are_those_of_the_flight(elbow: ObjectModel) -> None:
     world = World(elbow)
     tosses = seen_with_joint(world, elbow, 6, seed=3, frames=30, height=1.0)
-    q, v = first_states(tosses, world)
+    q, v = first_states(tosses, world, make_windows(tosses, elbow))
     run = world.roll_out(q, v, n_steps=30, dt=DT, substeps=4)
     last = np.stack([toss.q[-1] for toss in tosses])
     off = difference(last, run[:, -1])

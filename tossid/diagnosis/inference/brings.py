@@ -17,6 +17,7 @@ from tossid.diagnosis.inference.found import Found
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.judge import Fold
 from tossid.diagnosis.inference.sample import Sample
+from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.diagnosis.localisation.rollouts import (
     distances,
     first_states,
@@ -170,13 +171,14 @@ def noise_limit(found: Found, tosses: Sequence[Toss], sample: Sample, *, folds: 
     """
     # without a fold, values are that much less certain
     wider = np.sqrt(folds / (folds - 1)) if folds > 1 else 1.0
-    world, threads, medians = found.hypothesis.world(), sample.n_threads, []
-    runs = rolled_out(tosses, world, sample.windows, n_threads=threads)
+    threads, medians, runs = sample.n_threads, [], runs_in_tossid(found.hypothesis, tosses, sample)
     for rng in np.random.default_rng(seed).spawn(NOISE_DRAWS):
         seed_of_draw = int(rng.integers(2**31))
         made = measured_again(tosses, runs, draws=1, seed=seed_of_draw)
         if made:
-            felt = median_of(toss_errors(made, drawn(found, rng, wider).world(), n_threads=threads))
+            world = drawn(found, rng, wider).world()
+            windows = make_windows(made, world.object, settings=sample.windows.settings)
+            felt = median_of(toss_errors(made, world, windows, n_threads=threads))
             medians.append((felt.position_pct, felt.rotation_deg))
     if not medians:
         return Felt(0.0, 0.0)

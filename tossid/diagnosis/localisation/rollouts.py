@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tossid.diagnosis.likelihood.states import moved_pose
 from tossid.diagnosis.likelihood.whitening import linearise
-from tossid.diagnosis.likelihood.windows import Windows, make_windows, steps_of
+from tossid.diagnosis.likelihood.windows import Windows, steps_of
 from tossid.motion import flight_states
 from tossid.physics.effects import World
 from tossid.rotations import geodesic_angle
@@ -19,19 +19,19 @@ from tossid.types import Toss
 Array = NDArray[np.float64]
 
 
-def toss_errors(tosses: Sequence[Toss], world: World, windows: Windows | None = None, *, n_threads: int) -> Array:
+def toss_errors(tosses: Sequence[Toss], world: World, windows: Windows, *, n_threads: int = 1) -> Array:
     """(B, 2) mean distance [% of the object's width] and angle [deg] of rollouts from the recorded poses.
 
     Args:
         tosses: B, as recorded.
         world: The simulator; each toss begins at what its first flight determines in it (`first_states`).
-        windows: Of these tosses, where they are at hand.
+        windows: Of these tosses.
         n_threads: Of the simulator.
 
     Returns:
         Means over frames; NaN where a rollout diverged.
     """
-    stated = world.object if windows is None or windows.stated is None else windows.stated
+    stated = windows.stated or world.object
     runs = rolled_out(tosses, world, windows, n_threads=n_threads)
     return distances(runs, [toss.q for toss in tosses], stated.width)
 
@@ -83,18 +83,15 @@ def at_frames(
     return [poses[each] for poses, each in zip(runs, ticks, strict=True)]
 
 
-def rolled_out(
-    tosses: Sequence[Toss], world: World, windows: Windows | None = None, *, n_threads: int = 1
-) -> list[Array]:
+def rolled_out(tosses: Sequence[Toss], world: World, windows: Windows, *, n_threads: int = 1) -> list[Array]:
     """Poses (n, nq) of each toss's frames in a world, from what its first flight determines there (`first_states`).
 
     Args:
         tosses: As recorded.
         world: The simulator.
-        windows: Of these tosses, where they are at hand.
+        windows: Of these tosses.
         n_threads: Of the simulator.
     """
-    windows = make_windows(tosses, world.object) if windows is None else windows
     first = first_states(tosses, world, windows, n_threads=n_threads)
     return whole_motions(tosses, world, first, windows, n_threads)
 
@@ -124,9 +121,7 @@ def measured_again(tosses: Sequence[Toss], runs: Sequence[Array], *, draws: int,
     return out
 
 
-def first_states(
-    tosses: Sequence[Toss], world: World, windows: Windows | None = None, *, n_threads: int = 1, restarts: int = 1
-) -> tuple[Array, Array]:
+def first_states(tosses: Sequence[Toss], world: World, windows: Windows, *, n_threads: int = 1) -> tuple[Array, Array]:
     """Recorded first poses (B, nq) and velocities (B, nv) that each toss's first flight determines in a world.
 
     Where that is a few frames, a ballistic fit is taken; of an object with joints, which has none, the first window.
@@ -134,12 +129,9 @@ def first_states(
     Args:
         tosses: As recorded.
         world: The simulator.
-        windows: Of these tosses, where they are at hand.
+        windows: Of these tosses.
         n_threads: Of the simulator.
-        restarts: Of windows that fit poorly.
     """
-    if windows is None:
-        windows = make_windows(tosses, world.object)
     begin = np.flatnonzero(windows.first == 0)
     if world.object.n_joints:
         # of the windows that begin with a toss, that of its first flight is the last
@@ -150,6 +142,6 @@ def first_states(
         states = flight_states(tosses, world.object, gravity=world.gravity * r.length_scale / r.clock_rate**2)
         q, v = np.stack([s.q for s in states]), np.stack([s.v for s in states])
     if len(begin):
-        kept, _, _ = linearise(windows.rows(begin), world, steps=6, restarts=restarts, n_threads=n_threads)
+        kept, _, _ = linearise(windows.rows(begin), world, steps=6, restarts=1, n_threads=n_threads)
         q[kept.toss], v[kept.toss] = kept.at_q, kept.at_v
     return q, v
