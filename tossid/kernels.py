@@ -1,10 +1,8 @@
 """The one place where kernels are compiled: Numba's decorator, with a cache on disk that an edit cannot outdate.
 
 Numba keeps a compiled function until the function's own file changes, though other functions, constants and named
-tuples of other files are compiled into it. Here it is kept under a digest of all the code that it can be made of: the
-imports of its own module, and those of the modules of its arguments' types. It is not kept at all once one of these
-files has been edited since the process began. Of several processes that start at once, one compiles a kernel, and the
-others wait for it.
+tuples of other files are compiled into it. Here it is kept under a digest of what it is made of (`_key`), as this
+process has it. Of several processes that start at once, one compiles a kernel, and the others wait for it.
 
 Every kernel states its own `fastmath`. Where it is left open, Numba takes it from the caller that happens to be
 compiled first, so that the last digits would depend on what ran before.
@@ -13,11 +11,15 @@ compiled first, so that the last digits would depend on what ran before.
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import inspect
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from enum import EnumMeta
 from functools import cache, partial, wraps
+from pathlib import Path
+from types import CodeType, ModuleType
 from typing import Any
 
 import numba
@@ -32,7 +34,7 @@ from numba.core.compiler_machinery import LoweringPass, register_pass
 from numba.core.typed_passes import AnnotateTypes
 from numba.extending import overload
 
-from tossid.code_digest import all_modules, digest_of_modules, imported_modules, modification_time, note_registered
+from tossid.code_digest import code_text, note_registered
 from tossid.errors import InputError
 
 REORDERED = frozenset({"contract", "reassoc", "arcp", "nsz"})
@@ -41,8 +43,6 @@ REORDERED = frozenset({"contract", "reassoc", "arcp", "nsz"})
 FUSED = frozenset({"contract"})
 """Flags of `fastmath` by which a product and a sum may be rounded once together; nothing is reordered."""
 
-_WRITTEN = {module: modification_time(module) for module in all_modules()}
-"""When each source was written, as the process began."""
 _IMPLEMENTATIONS: dict[Callable[..., Any], dict[type, Callable[..., Any]]] = {}
 
 
@@ -94,8 +94,11 @@ def _options(*, fastmath: frozenset[str], allocates: bool, inlined: bool, from_p
 fused_kernel = kernel(fastmath=FUSED)
 """The same, with products and sums rounded once together."""
 
+part_kernel = kernel(from_python=False)
+"""The same as `kernel`, for other kernels only."""
+
 fused_part_kernel = kernel(fastmath=FUSED, from_python=False)
-"""The same, for other kernels only."""
+"""The same, with products and sums rounded once together."""
 
 lean_kernel = kernel(allocates=False, from_python=False)
 """One that makes no arrays, for other kernels."""
@@ -136,9 +139,6 @@ def by_type(stub: Callable[..., Any]) -> Callable[..., Any]:
 
 def implements(stub: Callable[..., Any], kind: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """A decorator that makes a function the implementation of `stub` for first arguments of a NamedTuple class.
-
-    It stands in the module of the class: what is compiled is kept under a digest of the modules of its arguments'
-    types, among others.
 
     Args:
         stub: a function declared with `by_type`.
@@ -234,36 +234,88 @@ def register_implementation(
         raise InputError(
             f"the {what} {function.__name__} takes ({', '.join(taken)}), expected ({', '.join(arguments)})"
         )
-    note_registered(stub.__module__, kind, function)
+    note_registered(kind, function)
+
+
+_COMPILED_BY = f"{hashlib.sha256(Path(__file__).read_bytes()).hexdigest()} {numba.__version__} {np.__version__}"
 
 
 @cache
-def _key(modules: frozenset[str]) -> str:
-    """Digest of the code that these modules import, and the versions of what compiles it."""
-    return f"{digest_of_modules(_imported(modules))} numba {numba.__version__} numpy {np.__version__}"
+def _key(function: Callable[..., Any], kinds: frozenset[type]) -> str:
+    """Digest of all that a function's machine code is made of, and of what compiles it.
 
+    That is the code of every function that it calls, directly or through others, the constants that these read, and
+    the named tuples among its arguments.
 
-@cache
-def _imported(modules: frozenset[str]) -> frozenset[str]:
-    return imported_modules(*modules, registered=False)
-
-
-def _is_as_it_was(modules: frozenset[str]) -> bool:
-    """Whether what these modules import is ours, and was not written since this process began.
-
-    What runs may otherwise not be what stands in the files.
+    Args:
+        function: As it is written.
+        kinds: The named tuples among its arguments, by which `by_type` chooses.
     """
-    return modules <= _WRITTEN.keys() and all(modification_time(name) == _WRITTEN[name] for name in _imported(modules))
+    found, seen = hashlib.sha256(_COMPILED_BY.encode()), {function}
+    found.update("".join(_constant(kind) for kind in sorted(kinds, key=_name)).encode())
+    waiting: list[Any] = [function]
+    while waiting:
+        each = waiting.pop()
+        found.update(f"{code_text(each.__code__)}\n{each.__defaults__}\n".encode())
+        for name, value in _read(each):
+            called = _called(value, kinds)
+            options = sorted((key, _name(option)) for key, option in getattr(value, "targetoptions", {}).items())
+            text = _constant(value) if called is None else f"{[_name(function) for function in called]} {options}"
+            found.update(f"{name} {text}\n".encode())
+            waiting += (new := [function for function in called or () if function not in seen])
+            seen.update(new)
+    return found.hexdigest()
 
 
-def _modules_of(kinds: Iterable[Any]) -> Iterator[str]:
-    """The modules of the named tuples among Numba's types, and in them; of a function, a name that no module has."""
-    for kind in kinds:
+def _read(function: Any) -> list[tuple[str, Any]]:
+    """The globals, names of modules and variables of enclosing functions that a function may read."""
+    names, codes = set(), [function.__code__]
+    for code in codes:
+        names |= {*code.co_names}
+        codes += [constant for constant in code.co_consts if isinstance(constant, CodeType)]
+    held = {name: function.__globals__[name] for name in sorted(names & function.__globals__.keys())}
+    for module in [value for value in held.values() if isinstance(value, ModuleType)]:
+        held |= {f"{module.__name__}.{name}": vars(module)[name] for name in sorted(names & vars(module).keys())}
+    closure = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
+    return [*held.items(), *((name, cell.cell_contents) for name, cell in closure)]
+
+
+def _called(value: Any, kinds: frozenset[type]) -> list[Callable[..., Any]] | None:
+    """The functions that are compiled where a kernel calls a value; None if it is no kernel."""
+    if hasattr(value, "py_func"):
+        return [value.py_func]
+    table = _IMPLEMENTATIONS.get(value) if inspect.isfunction(value) else None
+    return None if table is None else [table[kind] for kind in sorted(table.keys() & kinds, key=_name)]
+
+
+def _constant(value: Any) -> str:
+    """A value that is compiled in, as text; of what can only be called, its name."""
+    if isinstance(value, type) and hasattr(value, "_fields"):
+        return f"{_name(value)} {value._fields} {value._field_defaults}"
+    if isinstance(value, EnumMeta):
+        return f"{_name(value)} {[repr(each) for each in value]}"
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype} {value.shape} {value.tobytes().hex()}"
+    return _name(value)
+
+
+def _name(value: Any) -> str:
+    """The name in full of what has one, else the value."""
+    if hasattr(value, "__qualname__"):
+        return f"{value.__module__}.{value.__qualname__}"
+    if isinstance(value, set | frozenset):
+        return repr(sorted(map(repr, value)))
+    return value.__name__ if isinstance(value, ModuleType) else repr(value)
+
+
+def _kinds(of: Iterable[Any]) -> Iterator[type]:
+    """The named tuples among Numba's types, and in them; of a function, Numba's own type."""
+    for kind in of:
         if isinstance(kind, types.Callable):
-            yield "<function>"
+            yield type(kind)
         if hasattr(kind, "instance_class"):
-            yield kind.instance_class.__module__
-        yield from _modules_of(getattr(kind, "types", ()))
+            yield kind.instance_class
+        yield from _kinds(getattr(kind, "types", ()))
 
 
 def _compile(by_numba: Callable[[Any], Any], kept: _Cache, sig: Any) -> Any:
@@ -295,7 +347,7 @@ class _Cache(FunctionCache):
                 os.close(lock)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        if not self._may_be_used(sig):
+        if not self._is_ours(sig):
             return None
         try:
             return super().load_overload(sig, target_context)
@@ -305,17 +357,14 @@ class _Cache(FunctionCache):
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        if self._may_be_used(sig):
+        if self._is_ours(sig):
             with suppress(ImportError, AttributeError):  # such an index in a read-only folder
                 super().save_overload(sig, data)
 
-    def _may_be_used(self, sig: Any) -> bool:
-        """Whether digests stand for all that is compiled in: no plug-in's code, and none that was just edited."""
-        own = frozenset([self._py_func.__module__])
-        if not (_is_as_it_was(own) and _is_as_it_was(frozenset(_modules_of(sig)))):
-            return False
-        self._cache_file._source_stamp = _key(own)
-        return True
+    def _is_ours(self, sig: Any) -> bool:
+        """Whether every process knows the types of the arguments: whoever opens the index unpickles them all."""
+        self._cache_file._source_stamp = _key(self._py_func, frozenset())
+        return all(kind.__module__.startswith("tossid.") for kind in _kinds(sig))
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
-        return (*super()._index_key(sig, codegen), _key(frozenset(_modules_of(sig))))
+        return (*super()._index_key(sig, codegen), _key(self._py_func, frozenset(_kinds(sig))))

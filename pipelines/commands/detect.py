@@ -135,6 +135,6 @@ def _digest(one: DetectStageConfig) -> str:
         "recording": source_sha256(one.recording),
         "object": None if one.object is None else asdict(one.object),
         "detect": as_plain(one.detect),
-        "code": code_digest("tossid.ingestion.stages"),
+        "code": code_digest(),
     }
     return digest_of(inputs)

@@ -48,7 +48,7 @@ def run(config: TrainConfig, console: Console) -> dict[str, Any]:
         console.say(f"{data}: {said}, with a mass of {unknown.mass:g} kg (object.mass says another)")
     folder = TRAININGS / f"{config.model.name}-{digest_of([learning_keys(config), sha256])[:12]}"
     with only_writer(folder / "training"):
-        unfinished = Unfinished(folder / "under_way", code=code_digest("tossid.training.api"))
+        unfinished = Unfinished(folder / "under_way", code=code_digest())
         if unfinished.of_other_code():
             console.say(
                 f"{unfinished.folder}: the code, or a package that computes, has changed since; training begins anew"

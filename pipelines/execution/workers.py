@@ -19,7 +19,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from functools import partial
 from multiprocessing import connection, forkserver, resource_tracker
 from multiprocessing.context import BaseContext
 from pathlib import Path
@@ -28,7 +27,7 @@ from urllib.parse import urlsplit
 
 from pipelines.config.schemas.launching import DaskLauncher, Launcher, ProcessesLauncher, SlurmLauncher
 from pipelines.execution.interrupts import interrupted_later
-from tossid.code_digest import PACKAGES, code_digest
+from tossid.code_digest import code_digest
 from tossid.errors import ConfigError, FileError, InputError
 from tossid.versions import computing_versions, differing_versions
 
@@ -55,15 +54,12 @@ class Workers:
     def submit(self, function: Callable[..., R], *args: Any) -> Future[R]:
         """Give a call to a worker, which refuses it if it has other code or other versions of what computes."""
         with interrupted_later():  # a worker that starts as its command ends complains of a lost lock
-            return self.executor.submit(_with_code, _code_of(function), computing_versions(), function, *args)
+            return self.executor.submit(_with_code, _code(), computing_versions(), function, *args)
 
 
-def _code_of(function: Callable[..., Any]) -> str:
-    """Digest of the code that the function runs."""
-    while isinstance(function, partial):
-        function = function.func
-    module = function.__module__
-    return code_digest(module if module.partition(".")[0] in PACKAGES else __name__)
+def _code() -> str:
+    """Digest of the code that a worker may run."""
+    return code_digest("tossid", "pipelines")
 
 
 def _with_code(code: str, versions: dict[str, str], function: Callable[..., R], *args: Any) -> R:
@@ -72,7 +68,7 @@ def _with_code(code: str, versions: dict[str, str], function: Callable[..., R], 
     if differing:
         pairs = ", ".join(f"{name} {here} (the command has {there})" for name, here, there in differing)
         raise InputError(f"a worker has {pairs}; install the same on both")
-    if _code_of(function) != code:
+    if _code() != code:
         raise InputError("a worker has another version of tossid than the command; install the same on both")
     return function(*args)
 
@@ -242,7 +238,7 @@ def _client(scheduler: Any, wait_s: float, key: str, *, security: Any = None) ->
         except TimeoutError as error:
             raise ConfigError(key, f"no worker came within {wait_s:g} s.") from error
         try:
-            client.run(code_digest, __name__)
+            client.run(code_digest)
         except ImportError as error:
             raise ConfigError(key, f"its workers cannot import tossid ({error}).") from error
         executor = client.get_executor(pure=False)

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from tossid.audit import sealed_case
 from tossid.audit.cases import draw_cases
 from tossid.audit.result import Audit
 from tossid.audit.sealed_case import Job, read_case, run_case
@@ -65,7 +64,7 @@ def audit(
         raise ConfigError("filmed", f"'{model.name}' has no tags that a camera could see; give them.")
     report, failed = progress or silent, dict[str, str]()
     with only_writer(out / "audit"):
-        jobs = plan(model, settings, code=code_digest(sealed_case.__name__))
+        jobs = plan(model, settings, code=code_digest())
         waiting = [job for job in jobs if read_case(out, job) is None]
         done = len(jobs) - len(waiting)
         report("", done / len(jobs))

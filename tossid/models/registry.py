@@ -58,7 +58,7 @@ def register_model(kind: str, settings: type[ModelSettings], build: Build) -> No
     taken = build.__module__ != _BUILT_IN.get(kind, build.__module__)
     if taken or (known is not None and known.build is not build):
         raise ConfigError("kind", f"'{kind}' is already registered.")
-    note_registered(__name__, settings, build)
+    note_registered(settings, build)
     _KINDS[kind] = _Kind(settings, build)
 
 

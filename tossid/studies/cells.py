@@ -27,8 +27,6 @@ from tossid.store import Dataset, file_sha256, read_dataset
 from tossid.training.api import train
 
 SCHEMA = "tossid.cell/1"
-COMPUTED_BY = ("tossid.training.api", "tossid.evaluation.evaluate")
-"""The modules of the two calls of `compute_cell`: a cell is kept under the digest of their code."""
 CELL, CHECKPOINT, CONFIG = "cell.json", "checkpoint.pt", "config.yaml"
 """Names of a cell's files: its numbers, its model, its settings."""
 
@@ -179,7 +177,7 @@ def study_cell(
         keys: What is written beside its checkpoint; None for the settings.
     """
     alone = replace(settings, threads=1)  # which changes no number
-    digest = digest_of([SCHEMA, asdict(alone), sha256, code_digest(*COMPUTED_BY)])
+    digest = digest_of([SCHEMA, asdict(alone), sha256, code_digest()])
     written = jsonable(asdict(settings)) if keys is None else keys
     return StudyCell(model, settings.seed, key.rpartition(".")[2], value, alone, digest, written)
 

@@ -28,7 +28,7 @@ def register_effect(effect: Effect) -> Effect:
     """
     if effect.name in {other.name for other in all_effects()}:
         raise InputError(f"there already is an effect '{effect.name}'")
-    note_registered(__name__, effect)
+    note_registered(effect)
     _registered[effect.name] = effect
     return effect
 

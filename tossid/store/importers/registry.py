@@ -77,7 +77,7 @@ FORMATS: dict[str, InputFormat] = {}
 
 def register(entry: InputFormat) -> None:
     """Add a format, or replace the one of that name."""
-    note_registered(__name__, entry)
+    note_registered(entry)
     FORMATS[entry.name] = entry
 
 
