@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.kernels import REORDERED, kernel
+from tossid.kernels import REORDERED, kernel, part_kernel
 from tossid.vision.cameras.camera import Camera
 
 Array = NDArray[np.float64]
@@ -70,13 +70,13 @@ def refine_corners(
     return refined, cov + LEAST_SIGMA**2 * np.eye(2), True
 
 
-@kernel
+@part_kernel
 def _bleed(width: float, cell: float) -> float:
     """Standard deviation of an edge's place by what lies beyond the next cells [px]; measured on rendered tags."""
     return 0.04 * width * math.exp(-0.125 * (cell / width) ** 2)
 
 
-@kernel
+@part_kernel
 def _ray(rays: Array, x: float, y: float, out: Array) -> bool:
     """Bilinear look-up of a pixel's normalised coordinates, and the local d(ray)/d(pixel) row by row."""
     column, row = int(np.floor(x + 0.5)), int(np.floor(y + 0.5))
@@ -113,7 +113,7 @@ def grey(image: NDArray[np.uint8], x: float, y: float) -> float:
     return float((1 - fy) * above + fy * ((1 - fx) * image[row + 1, column] + fx * image[row + 1, column + 1]))
 
 
-@kernel
+@part_kernel
 def _lines(rays: Array, corners: Array, cells: int, lines: Array) -> bool:
     """Fill in the lines through neighbouring corners (4, 7).
 
@@ -140,7 +140,7 @@ def _lines(rays: Array, corners: Array, cells: int, lines: Array) -> bool:
     return True
 
 
-@kernel
+@part_kernel
 def _levels(image: NDArray[np.uint8], corners: Array, lines: Array, x: Array) -> None:
     """First guess of black and white: means half a cell inside and outside the edges."""
     black, white = 0.0, 0.0
@@ -157,7 +157,7 @@ def _levels(image: NDArray[np.uint8], corners: Array, lines: Array, x: Array) ->
     x[0], x[1], x[2] = black, white, 0.8
 
 
-@kernel(fastmath=REORDERED)
+@kernel(fastmath=REORDERED, from_python=False)
 def _collect(
     image: NDArray[np.uint8],
     rays: Array,
@@ -255,7 +255,7 @@ def _collect(
     return n, total
 
 
-@kernel
+@part_kernel
 def _corners(rays: Array, lines: Array, move: Array, corners: Array, cov: Array, C: Array, bleed2: Array) -> bool:
     """Move the lines (8 offsets at middle and end [px]), intersect them, and propagate the covariance C (8, 8)."""
     ray = np.empty(6)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.kernels import kernel
+from tossid.kernels import kernel, part_kernel
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -22,7 +22,7 @@ BEHIND = 1e6
 """Whitened residual that stands for that of a tag with a corner behind the lens."""
 
 
-@kernel
+@part_kernel
 def _project(T: Array, x: Array) -> tuple[float, float, float]:
     """X/Z, Y/Z and Z of T x; NaN for the first two behind the lens."""
     X = T[0, 0] * x[0] + T[0, 1] * x[1] + T[0, 2] * x[2] + T[0, 3]

@@ -9,7 +9,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.kernels import kernel
+from tossid.kernels import kernel, part_kernel
 from tossid.vision.pose_graph.corner_projection import HUBER, project_tag
 from tossid.vision.setup.hinge import Hinge, Hinges
 from tossid.vision.setup.layout import SQUARE, Measurement
@@ -161,7 +161,7 @@ def view_factor(view: View, fixed: dict[int, Array], noise: Noise) -> gtsam.Cust
     return gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(rows), keys, error)
 
 
-@kernel
+@part_kernel
 def _motion(twist: Array, delay: float) -> Array:
     """M(δ) = (exp(ω δ), v δ), as `resect.retract` has it."""
     T = np.eye(4)
@@ -177,7 +177,7 @@ def _motion(twist: Array, delay: float) -> Array:
     return T
 
 
-@kernel
+@part_kernel
 def _inverse(T: Array) -> Array:
     """The inverse of a rigid transform."""
     out = np.eye(4)
@@ -188,7 +188,7 @@ def _inverse(T: Array) -> Array:
     return out
 
 
-@kernel
+@part_kernel
 def _carry(J: Array, X: Array, sign: float, out: Array) -> None:
     """out = sign · J Ad(X⁻¹): a derivative (n, 6) by a tangent, carried back over X to the tangent before it.
 
@@ -204,7 +204,7 @@ def _carry(J: Array, X: Array, sign: float, out: Array) -> None:
         out[i, 2] += X[0, 3] * b - X[1, 3] * a
 
 
-@kernel
+@part_kernel
 def _rate(T: Array, twist: Array) -> Array:
     """Tangent of M(δ) by δ: (ω, Rᵀ v)."""
     out = twist.copy()
@@ -280,7 +280,7 @@ def _reproject(
     return r, J
 
 
-@kernel
+@part_kernel
 def _whiten_spread(r: Array, J: Array, g: Array, spread_sigma: float) -> None:
     """r (8,) and J (n, 8, 6) times (I + σ² g gᵀ)^(-1/2) = I - (1 - 1/√(1 + σ² |g|²)) g gᵀ/|g|²."""
     square = np.dot(g, g)
@@ -298,7 +298,7 @@ def _whiten_spread(r: Array, J: Array, g: Array, spread_sigma: float) -> None:
                 J[k, i, j] -= along * g[i]
 
 
-@kernel
+@part_kernel
 def _huber(r: Array, J: Array, limit: float) -> None:
     """r (8,) scaled by √(2ρ(|r|))/|r| corner by corner, ρ being Huber's loss, and J (n, 8, 6) so that Jᵀr is exact."""
     for c in range(4):

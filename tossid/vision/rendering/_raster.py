@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.kernels import kernel
+from tossid.kernels import kernel, part_kernel
 
 Array = NDArray[np.float64]
 
@@ -152,7 +152,7 @@ def cast(
             canvas[row, column] = total / len(samples)
 
 
-@kernel
+@part_kernel
 def _shifts(x: int, y: int, seed: int, out: Array) -> None:
     """Fill in how far a pixel's lattice is shifted in each of its five dimensions, in [0, 1): a hash of its place."""
     h = np.uint32(x) * np.uint32(73856093) ^ np.uint32(y) * np.uint32(19349663) ^ np.uint32(seed)
@@ -167,13 +167,13 @@ def _shifts(x: int, y: int, seed: int, out: Array) -> None:
         out[3 + k] = ((h >> np.uint32(10 * k)) & np.uint32(1023)) / 1024.0
 
 
-@kernel
+@part_kernel
 def _wrapped(value: float) -> float:
     """A value in [0, 2) brought into [0, 1)."""
     return value - 1.0 if value >= 1.0 else value
 
 
-@kernel
+@part_kernel
 def _meet(
     p: Array, edges: Array, n_edges: int, x: float, y: float, ox: float, oy: float, focus: float
 ) -> tuple[float, float, float]:
@@ -191,7 +191,7 @@ def _meet(
     return (p[3] / slope if slope < 0 else np.inf), x, y
 
 
-@kernel
+@part_kernel
 def _is_inked(u: float, v: float, tag_map: Array, bitmaps: NDArray[np.uint8]) -> bool:
     """Whether a point of a face (in its plane) lies on black of one of its tags."""
     cells = bitmaps.shape[1]
@@ -203,7 +203,7 @@ def _is_inked(u: float, v: float, tag_map: Array, bitmaps: NDArray[np.uint8]) ->
     return False
 
 
-@kernel
+@part_kernel
 def _highlight(x: float, y: float, z: float, plane: Array, lamp: Array) -> float:
     """Cosine between where a mirror in the plane would send the ray that sees (x, y, z), and the lamp; 0 behind."""
     slope = plane[0] * x + plane[1] * y + plane[2]

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.kernels import kernel
+from tossid.kernels import kernel, part_kernel
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.setup.faces import FAMILY_SIZE, TAG_CELLS, tag_bitmap
 
@@ -125,7 +125,7 @@ def backdrop(
     return canvas
 
 
-@kernel
+@part_kernel
 def _noise(x: float, y: float) -> float:
     """Smooth noise in [-1, 1] with features of size 1: hashed values at whole numbers, blended between."""
     fx, fy = np.floor(x), np.floor(y)
