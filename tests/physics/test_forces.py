@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from tests.physics.worlds import DT, run
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Forces, Law, World
-from tossid.physics.forces import DRAG, MAGNUS, SPIN, SPRING, TURNING, VORTEX
+from tossid.physics.forces import DRAG, MAGNUS, SPIN, SPRING, TURNING, VORTEX, wrench
 from tossid.rotations import quat_rotate
 
 Array = NDArray[np.float64]
@@ -77,6 +77,20 @@ def derivative(forces: Forces, mass: float, inertia: Array, y: Array) -> Array:
     )
     spin = np.linalg.solve(inertia, -f.spin * grown[SPIN] * w - np.cross(w, inertia @ w))
     return np.concatenate([u, rate, force / mass - [0, 0, 9.81], spin])
+
+
+@pytest.mark.parametrize("name", [*FLIGHTS, *POWERED])
+def test_the_wrench_of_a_state_is_that_of_the_equations_of_motion(cube: ObjectModel, name: str) -> None:
+    forces, mass, inertia, y = (FLIGHTS | POWERED)[name], float(cube.mass[0]), cube.inertia[0], np.array(START + SPEED)
+    change = derivative(forces, mass, inertia, y) - derivative(Forces(), mass, inertia, y)
+    force, torque = wrench(forces, mass, y[None, :3], y[None, 7:10], y[None, 10:])
+    np.testing.assert_allclose(force[0], mass * change[7:10], atol=1e-12)
+    np.testing.assert_allclose(torque[0], inertia @ change[10:], atol=1e-12)
+
+
+def test_a_power_of_no_state_is_finite() -> None:
+    still, forces = np.zeros((1, 3)), Forces(spring=1.0, powered=SPRING, power=-2.0)
+    assert np.isfinite(wrench(forces, 1.0, still, still, still)[0]).all()
 
 
 @pytest.mark.parametrize("name", FLIGHTS)

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.kernels import implements, inlined_kernel
+from tossid.objects import Roundness
 from tossid.physics import moving
-from tossid.physics.contact.rounds import Rounds, bulge, is_round, lowest_offset
+from tossid.physics.contact.rounds import bulge, is_round, lowest_offset
 from tossid.physics.forces import (
     SPIN,
     Forces,
@@ -21,7 +22,7 @@ from tossid.physics.forces import (
     to_world,
     velocity_change,
 )
-from tossid.physics.registered_forces import RegisteredForce, acts, has_wrench, wrench_of
+from tossid.physics.registered_forces import RegisteredForce, acts, wrench_of
 
 if TYPE_CHECKING:
     from tossid.physics.system import System
@@ -68,7 +69,7 @@ class Body(NamedTuple):
     rests: bool
     forces: Forces
     registered: RegisteredForce
-    rounds: Rounds
+    rounds: Roundness
 
     def make_work(self) -> BodyWork:
         """Scratch of the time-stepping kernel for this body."""
@@ -184,14 +185,13 @@ def _accelerate(model, work, s, h):  # type: ignore[no-untyped-def]
         if work.turn_h[0] != h or model.forces.powered == SPIN:
             work.turn_h[0] = h
             inverse_damped_inertia(I, 0.5 * h * drag, work.turn)
-        if has_wrench(model.registered):  # s.u_start is not there yet
-            R = s.R
-            o0, o1, o2 = to_world(R, w1 * c[2] - w2 * c[1], w2 * c[0] - w0 * c[2], w0 * c[1] - w1 * c[0])
-            velocity = s.v[0] + o0, s.v[1] + o1, s.v[2] + o2
-            _, (n0, n1, n2) = wrench_of(model.registered, _com_position(model, s), velocity, to_world(R, w0, w1, w2))
-            t0 += R[0, 0] * n0 + R[1, 0] * n1 + R[2, 0] * n2
-            t1 += R[0, 1] * n0 + R[1, 1] * n1 + R[2, 1] * n2
-            t2 += R[0, 2] * n0 + R[1, 2] * n1 + R[2, 2] * n2
+        R = s.R  # (s.u_start is not there yet)
+        o0, o1, o2 = to_world(R, w1 * c[2] - w2 * c[1], w2 * c[0] - w0 * c[2], w0 * c[1] - w1 * c[0])
+        velocity = s.v[0] + o0, s.v[1] + o1, s.v[2] + o2
+        _, (n0, n1, n2) = wrench_of(model.registered, _com_position(model, s), velocity, to_world(R, w0, w1, w2))
+        t0 += R[0, 0] * n0 + R[1, 0] * n1 + R[2, 0] * n2
+        t1 += R[0, 1] * n0 + R[1, 1] * n1 + R[2, 1] * n2
+        t2 += R[0, 2] * n0 + R[1, 2] * n1 + R[2, 2] * n2
     g0 = turn[0, 0] * t0 + turn[0, 1] * t1 + turn[0, 2] * t2
     g1 = turn[1, 0] * t0 + turn[1, 1] * t1 + turn[1, 2] * t2
     g2 = turn[2, 0] * t0 + turn[2, 1] * t1 + turn[2, 2] * t2

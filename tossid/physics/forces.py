@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.kernels import inlined_kernel, lean_kernel
-from tossid.physics.registered_forces import has_wrench, wrench_of
+from tossid.physics.registered_forces import wrench_of
 
 Array = NDArray[np.float64]
 
@@ -88,16 +88,42 @@ class Forces(NamedTuple):
     @property
     def acts(self) -> bool:
         """Whether anything pulls; wind and the spring's centre alone do not."""
-        rest = Forces(
-            powered=self.powered,
-            power=self.power,
-            wind_x=self.wind_x,
-            wind_y=self.wind_y,
-            center_x=self.center_x,
-            center_y=self.center_y,
-            center_z=self.center_z,
-        )
-        return self != rest
+        idle = ("wind_x", "wind_y", "center_x", "center_y", "center_z", "powered", "power")
+        return self != Forces()._replace(**{name: getattr(self, name) for name in idle})
+
+
+def wrench(forces: Forces, mass: float, p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
+    """The forces of the state on a body in several states, in the same axes.
+
+    Args:
+        forces: The forces.
+        mass: Of the body [kg].
+        p: (*b, 3) places of its centre of mass [m].
+        u: (*b, 3) velocities there [m/s].
+        omega: (*b, 3) spins [rad/s].
+
+    Returns:
+        Force (*b, 3) [N] on the centre of mass, and torque (*b, 3) [N m] about it.
+    """
+    f, up = forces, np.array([0.0, 0.0, 1.0])
+    air = u - np.array([f.wind_x, f.wind_y, 0.0])
+    away = np.array([f.center_x, f.center_y, f.center_z]) - p
+
+    def size(state: Array) -> Array:
+        return np.asarray(np.linalg.norm(state, axis=-1, keepdims=True))
+
+    def grown(which: PoweredForce, state: Array) -> Array | float:
+        return np.maximum(size(state), LEAST_STATE) ** f.power if f.powered == which else 1.0
+
+    force = (
+        np.array([f.x, f.y, f.z])
+        - (f.linear + f.quadratic * size(air)) * grown(PoweredForce.DRAG, air) * air
+        + f.magnus * grown(PoweredForce.MAGNUS, omega) * np.cross(omega, air)
+        + f.spring * grown(PoweredForce.SPRING, away) * away
+        + f.vortex * grown(PoweredForce.VORTEX, p[..., :2]) * np.cross(up, p)
+        + mass * f.turning * grown(PoweredForce.TURNING, u) * np.cross(up, u)
+    )
+    return force, -f.spin * grown(PoweredForce.SPIN, omega) * omega
 
 
 @lean_kernel
@@ -157,10 +183,9 @@ def velocity_change(forces, registered, gravity, over_m, h, R, position, velocit
     a0 = gravity[0] + over_m * (f.x + spring * d0 - vortex * p1)
     a1 = gravity[1] + over_m * (f.y + spring * d1 + vortex * p0)
     a2 = gravity[2] + over_m * (f.z + spring * d2)
-    if has_wrench(registered):
-        middle = (u0 + half * a0, u1 + half * a1, u2 + half * a2)
-        (g0, g1, g2), _ = wrench_of(registered, (p0, p1, p2), middle, to_world(R, w0, w1, w2))
-        a0, a1, a2 = a0 + over_m * g0, a1 + over_m * g1, a2 + over_m * g2
+    middle = (u0 + half * a0, u1 + half * a1, u2 + half * a2)
+    (g0, g1, g2), _ = wrench_of(registered, (p0, p1, p2), middle, to_world(R, w0, w1, w2))
+    a0, a1, a2 = a0 + over_m * g0, a1 + over_m * g1, a2 + over_m * g2
     # e = u - wind, relative to which turning adds a constant acceleration
     a0, a1 = a0 - turning * f.wind_y, a1 + turning * f.wind_x
     e0, e1, e2 = u0 - f.wind_x, u1 - f.wind_y, u2

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.kernels import implements, inlined_kernel
+from tossid.objects import JointLaw, Roundness
 from tossid.physics import articulated, moving
 from tossid.physics.articulated import (
     ACCEL,
@@ -26,9 +27,9 @@ from tossid.physics.articulated import (
 )
 from tossid.physics.body import rounded_corner_centres
 from tossid.physics.cholesky import back_substitute
-from tossid.physics.contact.rounds import Rounds, bulge, is_round, lowest_offset
+from tossid.physics.contact.rounds import bulge, is_round, lowest_offset
 from tossid.physics.forces import Forces
-from tossid.physics.pulls import Joints, add_forces, joint_torques, resist_joints
+from tossid.physics.pulls import add_forces, joint_torques, resist_joints
 from tossid.physics.registered_forces import RegisteredForce, acts
 
 if TYPE_CHECKING:
@@ -70,11 +71,11 @@ class Links(NamedTuple):
     pose_matters: bool
     rests: bool
     jointed: bool
-    joints: Joints
+    joints: JointLaw
     forced: bool
     forces: Forces
     registered: RegisteredForce
-    rounds: Rounds
+    rounds: Roundness
 
     def make_work(self) -> LinksWork:
         """Scratch of the time-stepping kernel for this tree."""
@@ -118,7 +119,7 @@ def make_links(system: System) -> Links:
     forces, law = Forces(*map(float, system.forces)), system.law
     law_of_joints = system.joints
     given = len(law_of_joints.damping) > 0
-    joints = Joints(*(np.array(part) if given else np.zeros(len(system.parent)) for part in law_of_joints))
+    joints = JointLaw(*(np.array(part) if given else np.zeros(len(system.parent)) for part in law_of_joints))
     corner_pos = system.corner_pos.copy()
     for body in set(system.corner_body.tolist()):
         mine = system.corner_body == body

@@ -25,8 +25,8 @@ import numpy as np
 from mujoco import rollout
 from numpy.typing import NDArray
 
-from tossid.errors import DivergedError, InputError, MotionError
-from tossid.objects import ObjectModel, to_mjcf
+from tossid.errors import DivergedError, MotionError
+from tossid.objects import ObjectModel
 
 Array = NDArray[np.float64]
 
@@ -154,23 +154,6 @@ def quiet() -> Iterator[None]:
             handler = _before.pop()
             if not _before:
                 mujoco.set_mju_user_warning(handler)
-
-
-def compile_scene(
-    model: ObjectModel,
-    gravity: Array,
-    step: float,
-    solref: tuple[float, float],
-    solimp: tuple[float, ...],
-) -> mujoco.MjModel:
-    """The object over the ground plane z = 0, with gravity (3,) [m/s²] and time steps [s]."""
-    compiled = mujoco.MjModel.from_xml_string(to_mjcf(model, timestep=step, solref=solref, solimp=solimp))
-    # MJCF text rounds numbers; frames must fall on their times.
-    compiled.opt.timestep, compiled.opt.gravity[:] = step, gravity
-    size = mujoco.mj_stateSize(compiled, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-    if size != 1 + model.nq + model.nv:
-        raise InputError(f"MuJoCo's state of '{model.name}' has {size} numbers, expected {1 + model.nq + model.nv}")
-    return compiled
 
 
 def _check_reached(frames: Array, start: Array, first: int, duration: float) -> None:

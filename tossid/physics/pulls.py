@@ -16,11 +16,6 @@ the load that its own corners carried in the step before, or take up in an impac
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
-
 from tossid.kernels import fused_lean_kernel
 from tossid.physics.articulated import (
     ANCHOR,
@@ -37,22 +32,10 @@ from tossid.physics.articulated import (
 from tossid.physics.cholesky import solve_rates
 from tossid.physics.forces import SPIN as SPIN_POWER
 from tossid.physics.forces import power_factor, to_world, velocity_change
-from tossid.physics.registered_forces import has_wrench, wrench_of
-
-Array = NDArray[np.float64]
+from tossid.physics.registered_forces import wrench_of
 
 SWEEPS = 8
 """Over the joints that rub, if there are several: each changes the others' rates."""
-
-
-class Joints(NamedTuple):
-    """The fields of `objects.JointLaw`, each (n_b,), as kernels read them."""
-
-    damping: Array
-    friction: Array
-    stiffness: Array
-    rest: Array
-    armature: Array
 
 
 @fused_lean_kernel
@@ -108,12 +91,11 @@ def add_forces(model, work, s, h):  # type: ignore[no-untyped-def]
         P[b, TORQUE] -= t0 - drag * w0
         P[b, TORQUE + 1] -= t1 - drag * w1
         P[b, TORQUE + 2] -= t2 - drag * w2
-        if has_wrench(model.registered):
-            _, (n0, n1, n2) = wrench_of(model.registered, position, velocity, to_world(R, w0, w1, w2))
-            part = mass[b] / total
-            P[b, TORQUE] -= part * (R[0, 0] * n0 + R[1, 0] * n1 + R[2, 0] * n2)
-            P[b, TORQUE + 1] -= part * (R[0, 1] * n0 + R[1, 1] * n1 + R[2, 1] * n2)
-            P[b, TORQUE + 2] -= part * (R[0, 2] * n0 + R[1, 2] * n1 + R[2, 2] * n2)
+        _, (n0, n1, n2) = wrench_of(model.registered, position, velocity, to_world(R, w0, w1, w2))
+        part = mass[b] / total
+        P[b, TORQUE] -= part * (R[0, 0] * n0 + R[1, 0] * n1 + R[2, 0] * n2)
+        P[b, TORQUE + 1] -= part * (R[0, 1] * n0 + R[1, 1] * n1 + R[2, 1] * n2)
+        P[b, TORQUE + 2] -= part * (R[0, 2] * n0 + R[1, 2] * n1 + R[2, 2] * n2)
         for i in range(3):
             P[b, INERTIA + i] += 0.5 * h * drag
 

@@ -1,7 +1,6 @@
 """Forces that a user adds to the compiled time step: the class of a force's parameters chooses the function.
 
-A world without registered forces has the type `NoForce`. For it `has_wrench` is a constant when a kernel is compiled,
-so that the branches of registered forces fall away (docs/adr/0014).
+A world without registered forces has the type `NoForce`, whose force is zero when a kernel is compiled (docs/adr/0014).
 """
 
 from __future__ import annotations
@@ -42,12 +41,6 @@ class Both(NamedTuple):
 
 
 @by_type
-def has_wrench(force):  # type: ignore[no-untyped-def]
-    """Whether there is a registered force; known when compiled."""
-    raise NotImplementedError
-
-
-@by_type
 def wrench_of(force, position, velocity, spin):  # type: ignore[no-untyped-def]
     """Force [N] and torque [N m], two tuples of three, world axes, as `register_force` explains them."""
     raise NotImplementedError
@@ -81,10 +74,6 @@ def register_force(kind: type) -> Callable[[Callable[..., Any]], Callable[..., A
         @implements(wrench_of, kind)
         def wrench(force, position, velocity, spin):  # type: ignore[no-untyped-def]
             return compiled(force, position, velocity, spin)
-
-        @implements(has_wrench, kind)
-        def there(force):  # type: ignore[no-untyped-def]
-            return True
 
         return compiled
 
@@ -139,16 +128,6 @@ def _wrenches(force, position, velocity, spin, out):  # type: ignore[no-untyped-
         (out[0, i, 0], out[0, i, 1], out[0, i, 2]), (out[1, i, 0], out[1, i, 1], out[1, i, 2]) = wrench_of(
             force, (p[i, 0], p[i, 1], p[i, 2]), (u[i, 0], u[i, 1], u[i, 2]), (w[i, 0], w[i, 1], w[i, 2])
         )
-
-
-@implements(has_wrench, NoForce)
-def _has_none(force):  # type: ignore[no-untyped-def]
-    return False
-
-
-@implements(has_wrench, Both)
-def _has_both(force):  # type: ignore[no-untyped-def]
-    return True
 
 
 @implements(wrench_of, NoForce)

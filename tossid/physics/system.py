@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tossid.errors import ObjectError
-from tossid.objects import GRAVITY, JointLaw, ObjectModel
+from tossid.objects import GRAVITY, JointLaw, ObjectModel, Roundness
 from tossid.physics.contact.law import Law
-from tossid.physics.contact.rounds import POINTS, Rounds, rounds_of
+from tossid.physics.contact.rounds import POINTS
 from tossid.physics.forces import Forces
 from tossid.physics.network import LearnedAcceleration, no_learned_acceleration
 from tossid.physics.registered_forces import NoForce, RegisteredForce
@@ -70,7 +71,7 @@ class System(NamedTuple):
     law: Law = Law()
     joints: JointLaw = JointLaw(*np.zeros((5, 0)))
     registered: RegisteredForce = NoForce()
-    rounds: Rounds = POINTS
+    rounds: Roundness = POINTS
 
     @property
     def nv(self) -> int:
@@ -138,5 +139,5 @@ def make_system(
         relaxation=float(model.relaxation),
         cohesion=float(model.cohesion),
         joints=JointLaw(*map(np.array, model.joints)),
-        rounds=rounds_of(model.roundness),
+        rounds=Roundness(*map(partial(np.array, order="C"), model.roundness or POINTS)),
     )

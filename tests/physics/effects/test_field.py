@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from tossid.objects import ObjectModel
 from tossid.physics import simulate
-from tossid.physics.effects import BUILT_IN, Effect, InMujoco, World, effect_named
+from tossid.physics.effects import BUILT_IN, World, effect_named
+from tossid.physics.effects.wrenches import wrench_of_world
 
 Array = NDArray[np.float64]
 
@@ -25,15 +26,8 @@ VALUES = {
 """Of the effects that are a force or a torque of the state."""
 
 
-def forcing(effect: Effect) -> bool:
-    return isinstance(effect.mujoco, InMujoco) and effect.mujoco.wrench is not None
-
-
-def wrench(world: World, p: Array, u: Array, omega: Array, name: str) -> tuple[Array, Array]:
-    form = effect_named(name).mujoco
-    assert isinstance(form, InMujoco)
-    assert form.wrench is not None
-    return form.wrench(world, p, u, omega)
+def wrench(world: World, p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
+    return wrench_of_world(world)(p, u, omega)
 
 
 def motions(count: int = 20) -> tuple[Array, Array, Array]:
@@ -43,7 +37,7 @@ def motions(count: int = 20) -> tuple[Array, Array, Array]:
 
 
 def test_all_effects_with_a_force_are_tested() -> None:
-    assert {effect.name for effect in BUILT_IN if forcing(effect)} == set(VALUES)
+    assert {effect.name for effect in BUILT_IN if effect.family in ("field", "fluid")} == {*VALUES, "wind"}
 
 
 @pytest.mark.parametrize("name", VALUES)
@@ -51,8 +45,8 @@ def test_a_force_is_in_proportion_to_its_parameter_and_none_at_zero(cube: Object
     effect, values = effect_named(name), np.array(VALUES[name])
     for factor in (0.0, 0.5):
         less = values * (np.r_[factor, np.ones(3)] if name == "position_force" else factor)
-        force, torque = wrench(effect.at(World(cube), less), *motions(), name)
-        whole = wrench(effect.at(World(cube), values), *motions(), name)
+        force, torque = wrench(effect.at(World(cube), less), *motions())
+        whole = wrench(effect.at(World(cube), values), *motions())
         np.testing.assert_allclose(force, factor * whole[0], atol=1e-12)
         np.testing.assert_allclose(torque, factor * whole[1], atol=1e-12)
 
@@ -66,7 +60,7 @@ def test_the_kernel_s_force_is_that_which_mujoco_is_given(cube: ObjectModel, nam
     q, v = np.concatenate([p, np.tile([1.0, 0, 0, 0], (len(p), 1))], axis=1), np.concatenate([u, omega], axis=1)
     without = simulate(World(cube, gravity=0.0).system(), q, v, n_steps=1, dt=h).v[:, 1]
     change = (simulate(world.system(), q, v, n_steps=1, dt=h).v[:, 1] - without) / h
-    force, torque = wrench(world, p, u, omega, name)
+    force, torque = wrench(world, p, u, omega)
     spun = np.linalg.solve(cube.inertia, torque[..., None])[..., 0]
     np.testing.assert_allclose(change[:, :3], force / cube.mass[0], atol=1e-4 * np.abs(force).max() + 1e-6)
     np.testing.assert_allclose(change[:, 3:], spun, atol=1e-4 * np.abs(spun).max() + 1e-6)
@@ -79,15 +73,15 @@ def test_a_spring_s_force_is_the_slope_of_its_energy(cube: ObjectModel) -> None:
     energy = lambda p: 0.5 * k * ((p - center) ** 2).sum(axis=-1)  # noqa: E731
     step = 1e-5
     slope = np.stack([(energy(p + d) - energy(p - d)) / (2 * step) for d in step * np.eye(3)], axis=-1)
-    np.testing.assert_allclose(wrench(world, p, u, omega, "position_force")[0], -slope, atol=1e-6)
+    np.testing.assert_allclose(wrench(world, p, u, omega)[0], -slope, atol=1e-6)
 
 
 def test_a_vortex_pushes_around_the_vertical_and_a_turning_frame_does_no_work(cube: ObjectModel) -> None:
     p, u, omega = motions()
-    vortex = wrench(effect_named("vortex").at(World(cube), np.array([3.0])), p, u, omega, "vortex")[0]
+    vortex = wrench(effect_named("vortex").at(World(cube), np.array([3.0])), p, u, omega)[0]
     around = np.stack([-p[:, 1], p[:, 0], np.zeros(len(p))], axis=1)  # counter-clockwise, seen from above
     np.testing.assert_allclose(vortex, 3.0 * around)
-    sideways = wrench(effect_named("turning_frame").at(World(cube), np.array([2.0])), p, u, omega, "turning_frame")[0]
+    sideways = wrench(effect_named("turning_frame").at(World(cube), np.array([2.0])), p, u, omega)[0]
     np.testing.assert_allclose((sideways * u).sum(axis=1), 0.0, atol=1e-12)
     size = 2.0 * cube.mass[0] * np.hypot(u[:, 0], u[:, 1])
     np.testing.assert_allclose(np.linalg.norm(sideways, axis=1), size)

@@ -59,7 +59,7 @@ def test_a_recording_is_the_true_motion_transformed(cube: ObjectModel, recording
     np.testing.assert_allclose(first_v, exact_v, atol=1e-6)
     rolled = world.roll_out(seen[:, 0], exact_v, n_steps=40, dt=DT, substeps=2)
     np.testing.assert_allclose(rolled[..., :3], seen[..., :3], atol=1e-9)
-    assert quat_boxminus(rolled[..., 3:], seen[..., 3:]) == pytest.approx(0, abs=1e-8)
+    assert quat_boxminus(rolled[..., 3:], seen[..., 3:]) == pytest.approx(0, abs=1e-7)  # rounding grows in contact
 
 
 def test_world_tilt_turns_true_coordinates_into_recorded_ones(cube: ObjectModel) -> None:

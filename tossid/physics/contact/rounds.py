@@ -6,57 +6,31 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tossid.kernels import inlined_kernel, lean_kernel
 from tossid.objects import Roundness
 from tossid.objects.roundness import FLAT
 
-Array = NDArray[np.float64]
-
-
-class Rounds(NamedTuple):
-    """What stands at the corners; all arrays are empty where every corner is a point.
-
-    Attributes:
-        radius: (n_c,) as of `Roundness`, like the next three [m].
-        root: (n_c, 3, 3) [m].
-        turned: (n_c, 3, 3) [m].
-        flat: (n_c, 3).
-        least: (n_c,) |Q d| below which a disc lies flat [m].
-    """
-
-    radius: Array
-    root: Array
-    turned: Array
-    flat: Array
-    least: Array
-
-
-POINTS = Rounds(np.zeros(0), np.zeros((0, 3, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0))
+POINTS = Roundness(np.zeros(0), np.zeros((0, 3, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3)))
 """Of corners that are points."""
-
-
-def rounds_of(roundness: Roundness | None) -> Rounds:
-    """What kernels take for an object's round corners.
-
-    Args:
-        roundness: Of the object.
-    """
-    if roundness is None:
-        return POINTS
-    least = FLAT * np.abs(roundness.root).max(axis=(1, 2))
-    radius, root, turned, flat = (np.ascontiguousarray(part) for part in roundness)
-    return Rounds(radius, root, turned, flat, least)
 
 
 @inlined_kernel
 def is_round(rounds):  # type: ignore[no-untyped-def]
     """Whether some corner is round."""
     return rounds.radius.shape[0] > 0
+
+
+@inlined_kernel
+def lies_flat(rounds, c, size):  # type: ignore[no-untyped-def]
+    """Whether a disc whose |Q d| is `size` lies flat."""
+    largest = 0.0
+    for i in range(3):
+        for j in range(3):
+            largest = max(largest, abs(rounds.root[c, i, j]))
+    return size <= FLAT * largest
 
 
 @lean_kernel
@@ -67,7 +41,7 @@ def lowest_offset(rounds, c, up0, up1, up2):  # type: ignore[no-untyped-def]
     w1 = -(Q[c, 1, 0] * up0 + Q[c, 1, 1] * up1 + Q[c, 1, 2] * up2)
     w2 = -(Q[c, 2, 0] * up0 + Q[c, 2, 1] * up1 + Q[c, 2, 2] * up2)
     size = math.sqrt(w0 * w0 + w1 * w1 + w2 * w2)
-    if size <= rounds.least[c]:
+    if lies_flat(rounds, c, size):
         w0, w1, w2 = rounds.flat[c, 0], rounds.flat[c, 1], rounds.flat[c, 2]
     else:
         w0, w1, w2 = w0 / size, w1 / size, w2 / size
@@ -94,6 +68,6 @@ def bulge(rounds, c, up0, up1, up2, w0, w1, w2):  # type: ignore[no-untyped-def]
         z = Q[c, i, 0] * e0 + Q[c, i, 1] * e1 + Q[c, i, 2] * e2
         squared, along, turned, bent = squared + x * x, along + x * y, turned + y * y, bent + x * z
     size = math.sqrt(squared)
-    if size <= rounds.least[c]:
+    if lies_flat(rounds, c, size):
         return 0.0
     return (turned + bent) / size - along * along / (size * squared)

@@ -1,4 +1,4 @@
-"""What several effects share: changes of a world (for `Effect.apply`), bounds, and the states that forces depend on."""
+"""What several effects share: changes of a world (for `Effect.apply`), and bounds."""
 
 from __future__ import annotations
 
@@ -7,13 +7,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tossid.objects import ObjectModel
 from tossid.physics.effects.world import World
-from tossid.physics.forces import LEAST_STATE, Forces, PoweredForce
 
-Array = NDArray[np.float64]
 Apply = Callable[[World, Mapping[str, float]], World]
 
 
@@ -41,20 +38,3 @@ def half_size(model: ObjectModel) -> float:
 def half_thickness(model: ObjectModel) -> float:
     """Half of an object's smallest extent along its axes [m]: no corner is rounder."""
     return 0.5 * float(np.ptp(model.drawn.corner_pos, axis=0).min())
-
-
-def air_speed(forces: Forces, u: Array) -> Array:
-    """Velocity (*b, 3) [m/s] relative to the air, of velocities u (*b, 3) in the world."""
-    return u - np.array([forces.wind_x, forces.wind_y, 0.0])
-
-
-def size_of(state: Array) -> Array:
-    """Length (*b, 1) of vectors (*b, n)."""
-    size: Array = np.linalg.norm(state, axis=-1, keepdims=True)
-    return size
-
-
-def power_factor(forces: Forces, which: PoweredForce, state: Array) -> Array:
-    """Factor (*b, 1) of a force that grows with a further power of its state (*b, n); 1 for the others."""
-    size = np.maximum(size_of(state), LEAST_STATE)
-    return size**forces.power if forces.powered == which else np.ones_like(size)

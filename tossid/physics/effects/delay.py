@@ -24,36 +24,29 @@ def turned_back(q: Array, v: Array, delay: float) -> Array:
     return out
 
 
-def with_late_rotations(
-    q: Array, v: Array, *, delay: float, dt: float, n_steps: Steps, onward: Onward
-) -> tuple[Array, Array]:
-    """Motions (B, T + 1, nq), (B, T + 1, nv) with the rotations and spins of a time before.
+def with_late_rotations(q: Array, v: Array, *, delay: float, dt: float, n_steps: Steps, onward: Onward) -> Array:
+    """Motions (B, T + 1, nq) with the rotations of a time before.
 
     The simulator is run once more, between the frames. Before the first frame, spin is that of the first frame.
 
     Args:
         q: (B, T + 1, nq) the motions.
         v: (B, T + 1, nv) their velocities.
-        delay: That time [s]; negative for a time after.
+        delay: That time [s], not 0; negative for a time after.
         dt: Between frames, in true time [s].
         n_steps: Frames after the first, one number or one a motion (B,); T is the most of them.
         onward: The simulator.
     """
-    if delay == 0.0:
-        return q, v
     ahead = int(np.floor(-delay / dt))
     part = -delay - ahead * dt
     # (motions that diverge stay NaN by their positions)
     q0, v0 = np.nan_to_num(q[:, 0]), np.nan_to_num(v[:, 0])
     if part > LEAST_SHARE * dt:
         q0, v0 = (np.nan_to_num(each[:, 1]) for each in onward(q0, v0, 1, part))
-    later_q, later_v = onward(q0, v0, n_steps + max(ahead, 0), dt)
-    q, v = q.copy(), v.copy()
+    later, _ = onward(q0, v0, n_steps + max(ahead, 0), dt)
+    out = q.copy()
     for frame in range(q.shape[1]):
         at = frame + ahead
-        if at < 0:
-            q[:, frame, 3:7] = turned_back(q[:, 0], v[:, 0], delay - frame * dt)[:, 3:7]
-            v[:, frame, 3:6] = v[:, 0, 3:6]
-        else:
-            q[:, frame, 3:7], v[:, frame, 3:6] = later_q[:, at, 3:7], later_v[:, at, 3:6]
-    return q, v
+        found = later[:, at] if at >= 0 else turned_back(q[:, 0], v[:, 0], delay - frame * dt)
+        out[:, frame, 3:7] = found[:, 3:7]
+    return out

@@ -21,12 +21,6 @@ if TYPE_CHECKING:
     from tossid.physics.effects.mjcf_edit import Edit
 
 Array = NDArray[np.float64]
-Wrench = Callable[[World, Array, Array, Array], tuple[Array, Array]]
-"""Force [N] and torque [N m], (*b, 3) each, on a body of the object's whole mass.
-
-From a world in its ground's frame, the place and velocity of the body's centre of mass, and its spin, (*b, 3) each. All
-are in world axes.
-"""
 
 EVERY_PHASE = (Phase.FLIGHT, Phase.IMPACT, Phase.SLIDE, Phase.ROLL, Phase.REST)
 CONTACT_PHASES = (Phase.IMPACT, Phase.SLIDE, Phase.ROLL, Phase.REST)
@@ -88,15 +82,13 @@ class NotExpressible:
 
 @dataclass(frozen=True)
 class InMujoco:
-    """How MuJoCo simulates an effect, beyond what is built from the world's object, gravity, ground and recording.
+    """How MuJoCo simulates an effect, beyond what is built from the world's object, gravity, forces and ground.
 
     Attributes:
         scene: Changes MuJoCo's compiled model of a world; None if there is nothing more to change.
-        wrench: A force and a torque of the state that are applied from outside; None for no such force.
     """
 
     scene: Callable[[Any, World], None] | None = None
-    wrench: Wrench | None = None
 
 
 @dataclass(frozen=True)
@@ -157,7 +149,6 @@ class Effect:
         one_of_group: Names of a group of effects, this among them, each of which does what the others do together.
         needs_joints: Whether only objects with joints can have it.
         sharp_only: Whether only objects without round parts can have it.
-        in_flight_over: Name of the effect to whose one parameter flight reveals only the ratio of this one's.
         of_place: Whether its force depends on where on the ground the object is.
         of_links: The form that it has for objects with joints; None for the same form.
     """
@@ -180,7 +171,6 @@ class Effect:
     one_of_group: frozenset[str] = frozenset()
     needs_joints: bool = False
     sharp_only: bool = False
-    in_flight_over: str = ""
     of_place: bool = False
     of_links: Effect | None = None
 

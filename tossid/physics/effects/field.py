@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.physics.effects.changes import power_factor, sets_forces
+from tossid.physics.effects.changes import sets_forces
 from tossid.physics.effects.effect import SHARED_AMONG_LINKS, Effect, InMujoco, MjcfEdit, NotExpressible, Parameter
 from tossid.physics.effects.environment import GROUP_OF_TILTS
 from tossid.physics.effects.mjcf_edit import Edit, write_acceleration
@@ -15,29 +15,7 @@ from tossid.physics.forces import PoweredForce
 
 Array = NDArray[np.float64]
 
-_UP = np.array([0.0, 0.0, 1.0])
 _NO_SUCH_FORCE = NotExpressible("MJCF has no force of this form")
-
-
-def _uniform(world: World, p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
-    f = world.forces
-    return np.broadcast_to([f.x, f.y, f.z], u.shape), np.zeros_like(u)
-
-
-def _spring(world: World, p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
-    f = world.forces
-    away = np.array([f.center_x, f.center_y, f.center_z]) - p
-    return f.spring * power_factor(f, PoweredForce.SPRING, away) * away, np.zeros_like(u)
-
-
-def _vortex(world: World, p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
-    f = world.forces
-    return f.vortex * power_factor(f, PoweredForce.VORTEX, p[..., :2]) * np.cross(_UP, p), np.zeros_like(u)
-
-
-def _turning(world: World, p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
-    f, mass = world.forces, float(world.object.mass.sum())
-    return mass * f.turning * power_factor(f, PoweredForce.TURNING, u) * np.cross(_UP, u), np.zeros_like(u)
 
 
 def _pull_of_size(size: float, u: Array) -> dict[str, float]:
@@ -64,7 +42,7 @@ UNIFORM_FORCE = Effect(
     says="a constant force",
     parameters=tuple(Parameter(f"{a}_n", 0.0, -5.0, 5.0, 0.02) for a in "xyz"),
     apply=sets_forces(x="x_n", y="y_n", z="z_n"),
-    mujoco=InMujoco(wrench=_uniform),
+    mujoco=InMujoco(),
     mjcf=MjcfEdit(write_acceleration),
     strength=Strength(0.01, 2.0, directed("x_n", "y_n", "z_n")),
     contains=("gravity",),
@@ -80,7 +58,7 @@ POSITION_FORCE = Effect(
         *(Parameter(f"{a}_m", 0.0, -2.0, 2.0, 0.05, form=True) for a in "xyz"),
     ),
     apply=sets_forces(spring="k_npm", center_x="x_m", center_y="y_m", center_z="z_m"),
-    mujoco=InMujoco(wrench=_spring),
+    mujoco=InMujoco(),
     mjcf=MjcfEdit(_write_spring, of_links=SHARED_AMONG_LINKS),
     strength=Strength(0.05, 15.0, _pull_of_size),
     contains=("uniform_force", "gravity"),
@@ -95,7 +73,7 @@ VORTEX = Effect(
     says="a force around the world's vertical axis, in proportion to the distance from it",
     parameters=(Parameter("c_npm", 0.0, -20.0, 20.0, 0.05),),
     apply=sets_forces(vortex="c_npm"),
-    mujoco=InMujoco(wrench=_vortex),
+    mujoco=InMujoco(),
     mjcf=_NO_SUCH_FORCE,
     strength=Strength(0.1, 15.0, signed("c_npm")),
     powered=(PoweredForce.VORTEX, "distance from the axis"),
@@ -108,7 +86,7 @@ TURNING_FRAME = Effect(
     says="a sideways acceleration in proportion to velocity, as in a turning frame",
     parameters=(Parameter("rate_ps", 0.0, -5.0, 5.0, 0.02),),
     apply=sets_forces(turning="rate_ps"),
-    mujoco=InMujoco(wrench=_turning),
+    mujoco=InMujoco(),
     mjcf=_NO_SUCH_FORCE,
     strength=Strength(0.03, 3.0, signed("rate_ps")),
     powered=(PoweredForce.TURNING, "speed"),

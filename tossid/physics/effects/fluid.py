@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.physics.effects.changes import air_speed, power_factor, sets_forces, size_of
+from tossid.physics.effects.changes import sets_forces
 from tossid.physics.effects.effect import SHARED_AMONG_LINKS, Effect, InMujoco, MjcfEdit, NotExpressible, Parameter
 from tossid.physics.effects.mjcf_edit import Edit
 from tossid.physics.effects.strength import Strength, between, directed, plain, signed
@@ -16,28 +16,6 @@ Array = NDArray[np.float64]
 
 LEAST_DRAG = 0.02
 """[N s/m] from which wind is fitted in a world without drag."""
-
-
-def _linear_drag(world: World, p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
-    """-c w of the velocity w in the air."""
-    f, air = world.forces, air_speed(world.forces, u)
-    return -f.linear * power_factor(f, PoweredForce.DRAG, air) * air, np.zeros_like(u)
-
-
-def _quadratic_drag(world: World, p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
-    """-c |w| w of the velocity w in the air."""
-    f, air = world.forces, air_speed(world.forces, u)
-    return -f.quadratic * size_of(air) * power_factor(f, PoweredForce.DRAG, air) * air, np.zeros_like(u)
-
-
-def _spin_drag(world: World, p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
-    return np.zeros_like(u), -world.forces.spin * power_factor(world.forces, PoweredForce.SPIN, omega) * omega
-
-
-def _magnus(world: World, p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
-    """c omega x w of the velocity w in the air."""
-    f = world.forces
-    return f.magnus * power_factor(f, PoweredForce.MAGNUS, omega) * np.cross(omega, air_speed(f, u)), np.zeros_like(u)
 
 
 def _wind_of_size(size: float, u: Array) -> dict[str, float]:
@@ -76,7 +54,7 @@ LINEAR_DRAG = Effect(
     says="a resistance in proportion to speed",
     parameters=(Parameter("c_nspm", 0.0, 0.0, 2.0, 5e-3),),
     apply=sets_forces(linear="c_nspm"),
-    mujoco=InMujoco(wrench=_linear_drag),
+    mujoco=InMujoco(),
     mjcf=MjcfEdit(_write_linear_drag, of_links=SHARED_AMONG_LINKS),
     strength=Strength(5e-3, 0.6, plain("c_nspm")),
     powered=(PoweredForce.DRAG, "speed"),
@@ -88,7 +66,7 @@ QUADRATIC_DRAG = Effect(
     says="a resistance in proportion to speed squared, as air's",
     parameters=(Parameter("c_ns2pm2", 0.0, 0.0, 2.0, 5e-3),),
     apply=sets_forces(quadratic="c_ns2pm2"),
-    mujoco=InMujoco(wrench=_quadratic_drag),
+    mujoco=InMujoco(),
     mjcf=MjcfEdit(_write_quadratic_drag, of_links=SHARED_AMONG_LINKS),
     strength=Strength(5e-3, 0.6, plain("c_ns2pm2")),
     powered=(PoweredForce.DRAG, "speed"),
@@ -100,11 +78,10 @@ SPIN_DRAG = Effect(
     says="a torque against spin",
     parameters=(Parameter("c_nms", 0.0, 0.0, 0.02, 2e-5),),
     apply=sets_forces(spin="c_nms"),
-    mujoco=InMujoco(wrench=_spin_drag),
+    mujoco=InMujoco(),
     mjcf=NotExpressible("MuJoCo's fluid resists spin only together with velocity"),
     strength=Strength(3e-5, 6e-3, plain("c_nms")),
     powered=(PoweredForce.SPIN, "spin"),
-    in_flight_over="inertia",
 )
 
 WIND = Effect(
@@ -117,7 +94,7 @@ WIND = Effect(
     ),
     apply=sets_forces(wind_x="x_ms", wind_y="y_ms", linear="c_nspm"),
     read=lambda world: {"c_nspm": world.forces.linear or LEAST_DRAG},
-    mujoco=InMujoco(),  # the drags read the wind
+    mujoco=InMujoco(),
     mjcf=MjcfEdit(_write_linear_drag, of_links=SHARED_AMONG_LINKS),
     strength=Strength(5e-3, 0.4, _wind_of_size),
     contains=("linear_drag",),
@@ -133,7 +110,7 @@ MAGNUS = Effect(
     says="a sideways force of a spinning body in air",
     parameters=(Parameter("c_ns2pm", 0.0, -0.1, 0.1, 1e-3),),
     apply=sets_forces(magnus="c_ns2pm"),
-    mujoco=InMujoco(wrench=_magnus),
+    mujoco=InMujoco(),
     mjcf=NotExpressible("MuJoCo has it for ellipsoids only"),
     strength=Strength(1e-3, 0.08, signed("c_ns2pm")),
     powered=(PoweredForce.MAGNUS, "spin"),

@@ -21,7 +21,7 @@ from tossid.physics.effects.mujoco_contact import bouncing_solref, soft_contact
 from tossid.physics.effects.registry import all_effects
 from tossid.physics.effects.world import World
 from tossid.physics.effects.wrenches import body_motions, wrench_of_world
-from tossid.physics.mujoco_engine import RIGID_DAMPING, RIGID_SOLIMP, RIGID_STEP, compile_scene, run_scene
+from tossid.physics.mujoco_engine import RIGID_DAMPING, RIGID_SOLIMP, RIGID_STEP, run_scene
 
 Array = NDArray[np.float64]
 
@@ -102,10 +102,13 @@ def scene(world: World, step: float, *, soft: bool = False) -> mujoco.MjModel:
     model, gravity = world.object, world.gravity_on_ground()
     if model.compliance > 0:
         compiled = _compliant(world, step).compile()
-        compiled.opt.timestep, compiled.opt.gravity[:] = step, gravity
     else:
         solref, solimp = (DEFAULT_SOLREF, DEFAULT_SOLIMP) if soft else (_solref(world, step), RIGID_SOLIMP)
-        compiled = compile_scene(model, gravity, step, solref, solimp)
+        compiled = mujoco.MjModel.from_xml_string(to_mjcf(model, timestep=step, solref=solref, solimp=solimp))
+    compiled.opt.timestep, compiled.opt.gravity[:] = step, gravity  # which MJCF text rounds; frames fall on their times
+    size = mujoco.mj_stateSize(compiled, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    if size != 1 + model.nq + model.nv:
+        raise InputError(f"MuJoCo's state of '{model.name}' has {size} numbers, expected {1 + model.nq + model.nv}")
     for effect in all_effects():
         if isinstance(effect.mujoco, InMujoco) and effect.mujoco.scene is not None:
             effect.mujoco.scene(compiled, world)

@@ -222,7 +222,7 @@ class World:
             return q
         delay, poses = self.recording.rotation_delay, self.recorded_poses(q)
         if delay != 0.0:
-            late, _ = with_late_rotations(q, v, delay=delay, dt=dt, n_steps=n_steps, onward=onward)
+            late = with_late_rotations(q, v, delay=delay, dt=dt, n_steps=n_steps, onward=onward)
             poses[..., 3:7] = self.recorded_poses(late)[..., 3:7]
         return poses
 

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from tossid.objects import ObjectModel, corner_heights
 from tossid.physics.batch import tree_batch
-from tossid.physics.effects.effect import InMujoco
-from tossid.physics.effects.registry import all_effects
 from tossid.physics.effects.world import World
+from tossid.physics.forces import wrench
 from tossid.physics.network import LearnedAcceleration, learned_accelerations
 from tossid.physics.registered_forces import combined, wrenches_of
 from tossid.physics.system import make_system
@@ -30,19 +29,16 @@ def wrench_of_world(world: World) -> Callable[[Array, Array, Array], tuple[Array
         A function from the place and velocity of the body's centre of mass and its spin, (B, 3) each, to the force [N]
         there and the torque [N m], (B, 3) each; all in the ground's axes.
     """
-    on_ground = world.with_changes(forces=world.forces_on_ground())
-    forms = [effect.mujoco for effect in all_effects()]
-    wrenches = [form.wrench for form in forms if isinstance(form, InMujoco) and form.wrench is not None]
-    registered = combined(world.registered)
+    forces, mass, registered = world.forces_on_ground(), float(world.object.mass.sum()), combined(world.registered)
 
-    def wrench(p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
-        force, torque = wrenches_of(registered, p, u, omega) if world.registered else np.zeros((2, *p.shape))
-        for one in wrenches:
-            more, turning = one(on_ground, p, u, omega)
-            force, torque = force + more, torque + turning
+    def acting(p: Array, u: Array, omega: Array) -> tuple[Array, Array]:
+        force, torque = wrench(forces, mass, p, u, omega)
+        if world.registered:
+            more, turning = wrenches_of(registered, p, u, omega)
+            return force + more, torque + turning
         return force, torque
 
-    return wrench
+    return acting
 
 
 def body_motions(model: ObjectModel, q: Array, v: Array) -> tuple[Array, Array, Array]:
@@ -80,11 +76,11 @@ def acceleration_of_forces(world: World, q: Array, v: Array) -> Array:
 
 def acceleration_of_motions(world: World, q: Array, motions: tuple[Array, Array, Array]) -> Array:
     """The same from `body_motions` of the object, which need not be computed anew for other forces."""
-    model, wrench, total = world.object, wrench_of_world(world), float(world.object.mass.sum())
+    model, acting, total = world.object, wrench_of_world(world), float(world.object.mass.sum())
     p, u, omega = motions
     linear = np.tile(world.gravity_on_ground(), (len(q), 1))
     for b in range(model.n_bodies):
-        force, torque = wrench(p[:, b], u[:, b], omega[:, b])
+        force, torque = acting(p[:, b], u[:, b], omega[:, b])
         linear += model.mass[b] / total * force / total
     if model.n_joints:
         return linear
