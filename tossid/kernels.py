@@ -290,10 +290,11 @@ def _called(value: Any, kinds: frozenset[type]) -> list[Callable[..., Any]] | No
 
 def _constant(value: Any) -> str:
     """A value that is compiled in, as text; of what can only be called, its name."""
-    if isinstance(value, type) and hasattr(value, "_fields"):
-        return f"{_name(value)} {value._fields} {value._field_defaults}"
+    fields = getattr(value, "_fields", None)
+    if fields is not None and inspect.isclass(value):  # a named tuple's
+        return f"{_name(value)} {fields} {getattr(value, '_field_defaults', {})}"
     if isinstance(value, EnumMeta):
-        return f"{_name(value)} {[repr(each) for each in value]}"
+        return f"{_name(value)} {value.__members__}"
     if isinstance(value, np.ndarray):
         return f"{value.dtype} {value.shape} {value.tobytes().hex()}"
     return _name(value)

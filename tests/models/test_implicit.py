@@ -16,7 +16,7 @@ from tossid.errors import InputError
 from tossid.models.implicit import Bodies, Dynamics, LossTerms, LossWeights, free_acceleration, implicit_loss
 from tossid.models.transitions import Transitions, make_transitions
 from tossid.objects import ObjectModel, corner_positions, object_from_mjcf
-from tossid.physics.solvers import solve_cone_qp
+from tossid.physics.solvers import ConeProgramme, solve_contacts
 from tossid.types import Toss
 
 WEIGHTS = LossWeights(complementarity=0.7, dissipation=0.3, penetration=1.3, gap_scale=2e-3)
@@ -126,7 +126,8 @@ def reference(t: Transitions, d: Dynamics, options: dict[str, Any]) -> np.ndarra
             )
             response = np.linalg.solve(M, rows.T)
             linear = cost - response.T @ W @ miss
-            lam = solve_cone_qp((response.T @ W @ response)[None], linear[None], np.full(len(phi), mu)).lam[0]
+            problem = (response.T @ W @ response)[None], linear[None], np.full(len(phi), mu)
+            lam = solve_contacts(*problem, solver=ConeProgramme()).lam[0]
             miss = miss - response @ lam
             count = len(phi)
             terms[1] += weights.complementarity * lam[:count] @ gap / total

@@ -13,7 +13,7 @@ from tossid.motion import com_velocities, corner_velocities
 from tossid.objects import ObjectModel, corner_heights
 from tossid.physics import System, no_learned_acceleration, tree_batch
 from tossid.physics.batch import free_accelerations
-from tossid.physics.solvers import solve_cone_qp
+from tossid.physics.solvers import ConeProgramme, solve_contacts
 from tossid.types import Phase, Toss
 
 if TYPE_CHECKING:
@@ -88,7 +88,8 @@ def accelerations_over_toss(
     rows = np.concatenate([J[:, :, 2], J[:, :, :2].reshape(n, -1, system.nv)], axis=1)
     response = np.linalg.solve(M, np.swapaxes(rows, 1, 2))
     cost = np.concatenate([cost_n, weights.dissipation * sliding.reshape(n, -1)], axis=1)
-    lam = solve_cone_qp(rows @ response, cost - np.einsum("nij,nj->ni", rows, miss), system.mu).lam
+    linear = cost - np.einsum("nij,nj->ni", rows, miss)
+    lam = solve_contacts(rows @ response, linear, system.mu, solver=ConeProgramme()).lam
     pushed = np.einsum("nij,nj->ni", response, lam)
 
     def of_com(velocities: Array, q: Array) -> Array:

@@ -38,7 +38,7 @@ from torch import Tensor
 from tossid.errors import InputError
 from tossid.models.transitions import Transitions
 from tossid.objects import Roundness
-from tossid.physics.solvers import solve_cone_qp
+from tossid.physics.solvers import ConeProgramme, solve_contacts
 
 SMALLEST_SPEED = 1e-8
 """Added to sliding speeds in quadrature [m/s], so that |s| has a derivative at rest."""
@@ -197,7 +197,8 @@ def _impulses(
         J = corners.rows(rows).jacobian(select(root, rows))
         J = torch.cat([J[:, 2], J[:, :2].transpose(1, 2).flatten(1, 2)], dim=1)  # the solver's order: normals first
         linear = torch.cat([c[rows, :, 2], c[rows, :, :2].flatten(1)], dim=1)
-        found = solve_cone_qp((J @ J.mT).numpy(), linear.numpy(), np.full(count, float(mu)))
+        problem = (J @ J.mT).numpy(), linear.numpy(), np.full(count, float(mu))
+        found = solve_contacts(*problem, solver=ConeProgramme())
         solution, unsolved = torch.from_numpy(found.lam), unsolved + found.unsolved
         lam[rows] = torch.cat([solution[:, count:].unflatten(1, (count, 2)), solution[:, :count, None]], dim=-1)
     return lam, unsolved

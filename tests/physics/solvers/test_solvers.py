@@ -33,8 +33,10 @@ from tests.physics.solvers.reference import (
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
 from tossid.physics import ExactCone, PolyhedralCone, make_system, register_solver, simulate
-from tossid.physics.solvers import ContactSolution, SolverStatus, solve_cone_qp, solve_contacts
+from tossid.physics.solvers import ConeProgramme, ContactSolution, SolverStatus, solve_contacts
 from tossid.physics.solvers.problem import Array
+
+solve_cone_qp = partial(solve_contacts, solver=ConeProgramme())
 
 WALLS = delassus(np.zeros((2, 3)), np.array([[1.0, 0, 0], [-1.0, 0, 0]]), MASS, np.full(3, INERTIA))[1]
 """Of two opposite walls, which no impulse keeps out if both come in."""
@@ -355,7 +357,7 @@ class Unregistered(NamedTuple):
 @pytest.mark.parametrize(
     ("solver", "says"),
     [
-        (Unregistered(), r"Unregistered\(sweeps=1\) is no registered contact solver; there are ExactCone, Poly"),
+        (Unregistered(), r"Unregistered\(sweeps=1\) is no registered contact solver; there are ConeProgramme, Exact"),
         (ExactCone, "ExactCone'> is no registered contact solver"),
         (PolyhedralCone(5), "n_directions is 5, expected an even number from 4"),
         (PolyhedralCone(2), "expected an even number from 4"),

@@ -7,7 +7,7 @@ import numpy as np
 from tossid.kernels import inlined_kernel
 from tossid.physics.contact.problem import CANDIDATE, FAR, LOW, assemble, velocity
 from tossid.physics.moving import add_impulse, inverse_mass, n_rates
-from tossid.physics.solvers.cone_qp import qp_solve
+from tossid.physics.solvers.cones import solve_cones
 from tossid.physics.solvers.registry import solve_contact
 from tossid.physics.solvers.workspace import LAM
 
@@ -96,8 +96,8 @@ def solve_part(model, law, solver, work, s, corners, step, bounces, tolerance, d
         if n == 0:
             break
         if law.beyond.lifting > 0.0 and is_relaxed(law, corners, n):
-            status, kkt_error, _ = qp_solve(
-                corners.A, corners.V, corners.solver_index, n, tolerance, np.int64(MAX_ITERATIONS)
+            status, kkt_error = solve_cones(
+                corners.A, corners.V, corners.solver_index, n, tolerance, np.int64(MAX_ITERATIONS), False
             )
         else:
             status, kkt_error = solve_contact(solver, corners.A, corners.V, corners.solver_index, n, tolerance)

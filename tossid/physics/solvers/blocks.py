@@ -8,8 +8,9 @@ from __future__ import annotations
 import math
 
 from tossid.kernels import fused_lean_kernel
-from tossid.physics.solvers.workspace import OPEN, SLIP, STICK, cone_exit
 
+OPEN, STICK, SLIP = 0, 1, 2
+"""State of a contact."""
 MAX_TURNS = 30
 """Newton steps of a slip direction's angle."""
 GOOD_PIVOT = 1e-3
@@ -36,6 +37,26 @@ def solve_3x3(A, i, g0, g1, g2):  # type: ignore[no-untyped-def]
     x2 = -y2 / d2
     x1 = -y1 / d1 - l21 * x2
     return -g0 / d0 - l10 * x1 - l20 * x2, x1, x2
+
+
+@fused_lean_kernel
+def cone_exit(y0, y1, y2, d0, d1, d2, mu):  # type: ignore[no-untyped-def]
+    """The largest p <= 1 for which y + p d is inside the cone |y_t| <= mu y_n, which y is in.
+
+    The root of |y_t + p d_t|² = mu² (y_n + p d_n)².
+    """
+    part = 1.0
+    if y0 + d0 < 0.0:
+        part = y0 / -d0
+    squared = mu * mu
+    a = d1 * d1 + d2 * d2 - squared * d0 * d0
+    b = y1 * d1 + y2 * d2 - squared * y0 * d0
+    c = min(y1 * y1 + y2 * y2 - squared * y0 * y0, 0.0)
+    if a * part * part + 2.0 * b * part + c > 0.0:
+        root = b + math.sqrt(max(b * b - a * c, 0.0))
+        if root > 0.0:
+            part = min(part, -c / root)
+    return part
 
 
 @fused_lean_kernel

@@ -9,7 +9,7 @@ import numpy as np
 
 from tossid.errors import InputError
 from tossid.kernels import FUSED, by_type, implemented, implements, kernel, register_implementation
-from tossid.physics.solvers.workspace import LAM, MU, B
+from tossid.physics.solvers.workspace import LAM, MU, B, problem_rows
 
 ARGUMENTS = ("solver", "A", "b", "mu", "lam", "tolerance")
 """What a registered function takes, in this order."""
@@ -33,7 +33,8 @@ def check_solver(solver: ContactSolver, *, relaxed: bool) -> None:
         InputError: with the solvers that are registered, or by the solver's own check.
     """
     if type(solver) not in implemented(solve_contact):
-        names = ", ".join(sorted(kind.__name__ for kind in implemented(solve_contact)))
+        kinds = (kind.__name__ for kind in implemented(solve_contact))
+        names = ", ".join(sorted(name for name in kinds if not name.startswith("_")))
         raise InputError(f"{solver!r} is no registered contact solver; there are {names} (see register_solver)")
     check = getattr(solver, "check", None)
     if check is not None:
@@ -71,18 +72,14 @@ def register_solver(kind: type) -> Callable[[Callable[..., Any]], Callable[..., 
 
         @kernel(keep=False)
         def in_place(solver, A, V, index, n, tolerance):  # type: ignore[no-untyped-def]
-            A_, b, lam, mu = np.empty((3 * n, 3 * n)), np.empty(3 * n), np.empty(3 * n), np.empty(n)
-            row = np.empty(3 * n, np.int64)  # of a contact-major row, its place in the order of `problem`
-            for i in range(n):
-                row[3 * i], row[3 * i + 1], row[3 * i + 2] = i, n + 2 * i, n + 2 * i + 1
-                mu[i] = V[MU, i]
+            A_, b, lam, rows = np.empty((3 * n, 3 * n)), np.empty(3 * n), np.empty(3 * n), problem_rows(n)
             for r in range(3 * n):
-                b[row[r]], lam[row[r]] = V[B, r], V[LAM, r]
+                b[rows[r]], lam[rows[r]] = V[B, r], V[LAM, r]
                 for t in range(3 * n):
-                    A_[row[r], row[t]] = A[r, t]
-            status, kkt_error = compiled(solver, A_, b, mu, lam, tolerance)
+                    A_[rows[r], rows[t]] = A[r, t]
+            status, kkt_error = compiled(solver, A_, b, V[MU, :n].copy(), lam, tolerance)
             for r in range(3 * n):
-                V[LAM, r] = lam[row[r]]
+                V[LAM, r] = lam[rows[r]]
             return status, kkt_error
 
         @implements(solve_contact, kind)

@@ -10,8 +10,7 @@ cost 200 ns; a step of a cube at rest takes 100 without them):
     V[SCALE]            a_i by contact
     V[X], V[BASIS + t]  Newton step, and its unknowns' directions
     V[TOP + r]          Newton matrix
-    index[KIND], index[WIDTH]
-                        state and number of unknowns of each contact
+    index[KIND]         state of each contact
     index[ROW]          first row of each unknown's contact
 """
 
@@ -22,22 +21,33 @@ import math
 import numpy as np
 
 from tossid.kernels import fused_inlined_kernel, fused_lean_kernel, fused_part_kernel
+from tossid.physics.solvers.blocks import OPEN, SLIP, STICK, cholesky_solve, cone_exit, lu_solve
+from tossid.physics.solvers.problem import SolverStatus
 
-SOLVED, MAX_ITERATIONS, INFEASIBLE, NOT_FINITE, INACCURATE = 0, 1, 2, 3, 4
-"""What became of a problem (`problem.SolverStatus`)."""
-OPEN, STICK, SLIP = 0, 1, 2
-"""State of a contact."""
+SOLVED, MAX_ITERATIONS, INFEASIBLE, NOT_FINITE, INACCURATE = map(int, SolverStatus)
+"""What became of a problem, as kernels compare it."""
 W, TRIAL_W, LAM, TRIAL, B, MU, SCALE, X, BASIS = 0, 1, 2, 3, 4, 5, 6, 7, 8
 TOP = 11
 """Rows of V by what they hold; the Newton matrix begins at TOP."""
-KIND, ROW, WIDTH = 0, 1, 2
+KIND, ROW = 0, 1
 """Rows of the integers."""
+PROXIMAL_WEIGHT = 1e-10
+"""Share by which the Newton matrix's diagonal is raised: a singular one becomes regular."""
 
 
 @fused_part_kernel
 def work_arrays(n):  # type: ignore[no-untyped-def]
     """Work arrays (V, index) of the cone solvers for up to n contacts, to be used again and again."""
-    return np.zeros((TOP + 6 * n, 3 * n + 1)), np.zeros((3, 3 * n + 1), dtype=np.int64)
+    return np.zeros((TOP + 6 * n, 3 * n + 1)), np.zeros((2, 3 * n + 1), dtype=np.int64)
+
+
+@fused_part_kernel
+def problem_rows(n):  # type: ignore[no-untyped-def]
+    """(3 n,) of each contact-major row, its place in the order of `problem`."""
+    rows = np.empty(3 * n, np.int64)
+    for i in range(n):
+        rows[3 * i], rows[3 * i + 1], rows[3 * i + 2] = i, n + 2 * i, n + 2 * i + 1
+    return rows
 
 
 @fused_inlined_kernel
@@ -88,44 +98,6 @@ def manifold_step(V, index, m, size, length):  # type: ignore[no-untyped-def]
 
 
 @fused_lean_kernel
-def cone_exit(y0, y1, y2, d0, d1, d2, mu):  # type: ignore[no-untyped-def]
-    """The largest p <= 1 for which y + p d is inside the cone |y_t| <= mu y_n, which y is in.
-
-    The root of |y_t + p d_t|² = mu² (y_n + p d_n)².
-    """
-    part = 1.0
-    if y0 + d0 < 0.0:
-        part = y0 / -d0
-    squared = mu * mu
-    a = d1 * d1 + d2 * d2 - squared * d0 * d0
-    b = y1 * d1 + y2 * d2 - squared * y0 * d0
-    c = min(y1 * y1 + y2 * y2 - squared * y0 * y0, 0.0)
-    if a * part * part + 2.0 * b * part + c > 0.0:
-        root = b + math.sqrt(max(b * b - a * c, 0.0))
-        if root > 0.0:
-            part = min(part, -c / root)
-    return part
-
-
-@fused_lean_kernel
-def project_row(V, index, row, m):  # type: ignore[no-untyped-def]
-    """V[row] = E^T V[TRIAL], E the directions of the Newton step's unknowns, contact after contact."""
-    u = 0
-    for i in range(m):
-        k, kind = 3 * i, index[KIND, i]
-        if kind == STICK:
-            V[row, u], V[row, u + 1], V[row, u + 2] = V[TRIAL, k], V[TRIAL, k + 1], V[TRIAL, k + 2]
-            u += 3
-        elif kind == SLIP:
-            t1, t2 = V[TRIAL, k + 1], V[TRIAL, k + 2]
-            V[row, u] = V[TRIAL, k] + V[BASIS + 1, u] * t1 + V[BASIS + 2, u] * t2
-            u += 1
-            if index[WIDTH, i] == 2:
-                V[row, u] = V[BASIS + 1, u] * t1 + V[BASIS + 2, u] * t2
-                u += 1
-
-
-@fused_lean_kernel
 def free_length(V, index, m, size):  # type: ignore[no-untyped-def]
     """The largest part (at most 1) of the Newton step at which no contact opens or leaves its cone."""
     for j in range(3 * m):
@@ -144,6 +116,66 @@ def free_length(V, index, m, size):  # type: ignore[no-untyped-def]
         elif V[LAM, k] + d0 < 0.0:
             length *= V[LAM, k] / -d0
     return length
+
+
+@fused_inlined_kernel
+def add_unknown(V, index, v, k, e0, e1, e2, curvature):  # type: ignore[no-untyped-def]
+    """Unknown v of the Newton step: the direction e of the contact at row k; its diagonal entry is kept for later."""
+    V[BASIS, v], V[BASIS + 1, v], V[BASIS + 2, v] = e0, e1, e2
+    index[ROW, v], V[TOP + v, v] = k, curvature
+
+
+@fused_lean_kernel
+def newton_step(A, V, index, m, exact):  # type: ignore[no-untyped-def]
+    """Newton step (F^T A E + D) x = -F^T w; left in V[X]. Returns its dimension.
+
+    Column v of E is unknown v's direction: V[BASIS + t, v] in its contact's coordinates, index[ROW, v] its contact's
+    row. A sticking contact has three, a slipping one (1, mu u), with u = lam_t / |lam_t|, and n across u. D has
+    max(-u . w_t, 0) / |lam_t| for the latter, the curvature of the cone's surface.
+
+    Of the cone programme F is E, and the matrix is symmetric (Cholesky). Of the exact cone (`exact`) F has (1, 0, 0) in
+    place of (1, mu u), so that w_n = 0 and u opposes w_t: one slipping contact makes the matrix unsymmetric (LU).
+    """
+    size, symmetric = np.int64(0), True  # not a literal, of which Numba would compile a second version
+    for i in range(m):
+        k = 3 * i
+        if index[KIND, i] == STICK:
+            for t in range(3):
+                add_unknown(
+                    V, index, size + t, k, 1.0 if t == 0 else 0.0, 1.0 if t == 1 else 0.0, 1.0 if t == 2 else 0.0, 0.0
+                )
+            size += 3
+        elif index[KIND, i] == SLIP:
+            symmetric = not exact
+            squared, inverse = V[LAM, k + 1] * V[LAM, k + 1] + V[LAM, k + 2] * V[LAM, k + 2], 0.0
+            if squared > 0.0:
+                inverse = 1.0 / math.sqrt(squared)
+            u1, u2 = inverse * V[LAM, k + 1], inverse * V[LAM, k + 2]
+            add_unknown(V, index, size, k, 1.0, V[MU, i] * u1, V[MU, i] * u2, 0.0)
+            size += 1
+            if squared > 0.0:
+                bent = max(-(u1 * V[W, k + 1] + u2 * V[W, k + 2]), 0.0) * inverse
+                add_unknown(V, index, size, k, 0.0, -u2, u1, bent)
+                size += 1
+    for v in range(size):
+        k, e0, e1, e2 = index[ROW, v], V[BASIS, v], V[BASIS + 1, v], V[BASIS + 2, v]
+        if exact and e0 != 0.0:
+            e1, e2 = 0.0, 0.0
+        V[X, v] = -(e0 * V[W, k] + e1 * V[W, k + 1] + e2 * V[W, k + 2])
+        for j in range(3 * m):
+            V[TRIAL, j] = e0 * A[k, j] + e1 * A[k + 1, j] + e2 * A[k + 2, j]
+        curvature = V[TOP + v, v]
+        for u in range(v if symmetric else 0, size):  # of a symmetric matrix the upper triangle
+            j = index[ROW, u]
+            V[TOP + v, u] = (
+                V[BASIS, u] * V[TRIAL, j] + V[BASIS + 1, u] * V[TRIAL, j + 1] + V[BASIS + 2, u] * V[TRIAL, j + 2]
+            )
+        V[TOP + v, v] = (1.0 + PROXIMAL_WEIGHT) * V[TOP + v, v] + curvature
+    if symmetric:
+        cholesky_solve(V, TOP, size, X)
+    else:
+        lu_solve(V, TOP, size, X)
+    return size
 
 
 @fused_inlined_kernel
@@ -179,40 +211,3 @@ def contact_scales(A, V, m):  # type: ignore[no-untyped-def]
         floor = 1.0
     for i in range(m):
         V[SCALE, i] = max(V[SCALE, i], floor)
-
-
-@fused_lean_kernel
-def gather(b, mu, lam, V):  # type: ignore[no-untyped-def]
-    """V[B], V[MU], V[LAM] from the caller's order, contact-major; returns a sum that is finite if the numbers are."""
-    n = mu.shape[0]
-    total = 0.0
-    for i in range(n):
-        t = n + 2 * i
-        V[MU, i] = mu[i]
-        V[B, 3 * i], V[B, 3 * i + 1], V[B, 3 * i + 2] = b[i], b[t], b[t + 1]
-        V[LAM, 3 * i], V[LAM, 3 * i + 1], V[LAM, 3 * i + 2] = lam[i], lam[t], lam[t + 1]
-        total += abs(b[i]) + abs(b[t]) + abs(b[t + 1]) + abs(mu[i])
-    return total
-
-
-@fused_lean_kernel
-def gather_matrix(A, local, n):  # type: ignore[no-untyped-def]
-    """The rows and columns of A into `local`, contact-major."""
-    for i in range(n):
-        for t in range(3):
-            row = i if t == 0 else n + 2 * i + t - 1
-            for j in range(n):
-                local[3 * i + t, 3 * j] = A[row, j]
-                local[3 * i + t, 3 * j + 1] = A[row, n + 2 * j]
-                local[3 * i + t, 3 * j + 2] = A[row, n + 2 * j + 1]
-
-
-@fused_lean_kernel
-def scatter(lam, V, n, status):  # type: ignore[no-untyped-def]
-    """V[LAM] back into the caller's order; all zero if the status is NOT_FINITE."""
-    if status == NOT_FINITE:
-        lam[:] = 0.0
-        return
-    for i in range(n):
-        t = n + 2 * i
-        lam[i], lam[t], lam[t + 1] = V[LAM, 3 * i], V[LAM, 3 * i + 1], V[LAM, 3 * i + 2]
