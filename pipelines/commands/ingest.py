@@ -35,8 +35,6 @@ def run(config: IngestConfig, console: Console) -> dict[str, Any]:
 def facts(report: IngestReport) -> dict[str, Any]:
     """What became of the source, by the names of the stages that it went through."""
     found: dict[str, Any] = {"defects": [asdict(defect) for defect in report.defects]} if report.defects else {}
-    if report.lost is not None:
-        found["lost"] = report.lost.as_dict()
     if report.track is not None:
         found |= {"detect": dict(report.detect), "track": asdict(report.track)}
     if report.rejected is not None:

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import tossid
-from tests.motion.bounced import bounced, without
 from tests.vision.conftest import Filmed
 from tests.vision.tosses import thrown
 from tossid.errors import ConfigError, FileError
@@ -99,34 +98,6 @@ def test_problems_are_warnings_and_tosses_with_defects_can_be_set_aside(
     with pytest.warns(IngestWarning, match="1 of 5 tosses have defects"):
         dataset = tossid.ingest(tmp_path / "tum", defects="set_aside")
     assert [toss.name for toss in dataset.tosses if not toss.split] == [fast.name]
-
-
-def test_times_of_recordings_that_lost_frames_are_mended_where_asked(tmp_path: Path, cube: ObjectModel) -> None:
-    """Ten tosses lost the frame after their impact, two lost none, and of one that cannot be known."""
-    rng = np.random.default_rng(0)
-    after = [4 if i == 12 else 25 for i in range(13)]
-    tosses = [bounced(cube, rng, name=f"{i:02d}", noise=1e-4, before=32, after=n) for i, n in enumerate(after)]
-    mended = {toss.track.name: without(toss.track, [toss.last + 1]) for toss in tosses[:10]}
-    write_tum(tmp_path / "tum", [mended.get(toss.track.name, (toss.track,))[0] for toss in tosses])
-    said: list[Progress] = []
-    kept = tossid.ingest(tmp_path / "tum", progress=said.append)
-    (found,) = (each.message for each in said if each.is_problem and "frames were lost" in each.message)
-    assert "of 12 first impacts that can be judged (of 13), 10 lost 1" in found
-    assert "lost=undo mends the times" in found
-    said.clear()
-    dataset = tossid.ingest(tmp_path / "tum", lost="undo", progress=said.append)
-    (found,) = (each.message for each in said if each.is_problem and "frames were lost" in each.message)
-    assert found.endswith("1 of 13 tosses have such an impact that cannot be judged, and no split")
-    for toss, was in zip(dataset.tosses, kept.tosses, strict=True):
-        assert was.split != ""
-        assert toss.split == ("" if toss.name == "12" else was.split)
-        np.testing.assert_array_equal(was.t, tosses[0].track.t[: len(was.t)])
-        true = mended[toss.name][1] if toss.name in mended else was.t
-        np.testing.assert_allclose(toss.t, true, atol=1e-6)
-    assert dataset.provenance["lost_frames"] == "; ".join(
-        f"{t.track.name}: 1 after frame {t.last}" for t in tosses[:10]
-    )
-    assert "lost_frames" not in kept.provenance
 
 
 @dataclass(frozen=True, kw_only=True)

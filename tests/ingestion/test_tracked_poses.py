@@ -13,12 +13,10 @@ import tossid
 from tests.models.made import tosses
 from tests.vision.tosses import thrown
 from tossid.errors import ConfigError, FileError, InputError
-from tossid.ingestion.progress import Progress, Reporter
-from tossid.ingestion.tracked_poses import lost_frames
+from tossid.ingestion.progress import Progress
 from tossid.motion.links import body_tracks
-from tossid.objects import ObjectModel, corner_heights, unstated_object
+from tossid.objects import ObjectModel, corner_heights
 from tossid.rotations import quat_exp, quat_mul
-from tossid.settings.ingestion import IngestSettings
 from tossid.settings.objects import UnknownObjectSettings
 from tossid.settings.training import TrainSettings
 from tossid.store import read_dataset, write_tum
@@ -85,12 +83,6 @@ def test_a_source_with_one_body_is_refused(links: list[list[PoseTrack]], tmp_pat
         tossid.ingest(tmp_path, source="tum", object=LINKS)
     with pytest.raises(ConfigError, match="source=pll does not give the poses of a second link; expected source=tum"):
         tossid.ingest(tmp_path, source="pll", object=LINKS)
-
-
-def test_lost_frames_are_not_looked_for_where_flight_is_not_that_of_one_stated_body(elbow: ObjectModel) -> None:
-    poses = [PoseTrack("still", 0.01 * np.arange(30), np.tile([0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, 0.0], (30, 1)))]
-    assert lost_frames(poses, elbow, Path("elbow"), IngestSettings(), Reporter()) is None
-    assert lost_frames(poses, unstated_object(), Path("unknown"), IngestSettings(), Reporter()) is None
 
 
 def _written(folder: Path, cube: ObjectModel, *, up: float = 0.0, header: str | None = None, count: int = 5) -> Path:

@@ -40,7 +40,6 @@ class Tossed(NamedTuple):
 
 @pytest.fixture(scope="package")
 def wedge() -> Tossed:
-    """MuJoCo's friction is not Coulomb's in impacts, which the balance of momentum does not mind."""
     made = toss_shape("wedge", ShapeTossSettings(tosses=20))
     return Tossed(tosses_from_tracks(made.tracks, unstated_object()), made.object)
 

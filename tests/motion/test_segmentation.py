@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from tests.motion.handling import KINDS, Handled, Handling
 from tests.vision.tosses import thrown
 from tossid.motion import segmentation
 from tossid.motion.segmentation import Stretch, rest_frame, segment
+from tossid.motion.sessions.witnesses import fall_words
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_exp, quat_mul
 from tossid.synthesis.timeline import Timeline, make_timeline
@@ -215,3 +218,23 @@ def test_short_blocks_read_on_demand_change_ends_by_a_frame_at_most(
     assert [s.reason for s in stretches].count("resting") == 2
     assert stretches[-1].last == len(q) - 1
     assert stretches[-1].last - stretches[-1].first > 6 * BLOCK
+
+
+@pytest.mark.parametrize("factor", [0.85, 1.0, 1.03, 1.3])
+@pytest.mark.parametrize("what", ["times", "lengths"])
+def test_times_or_lengths_that_are_wrong_are_named_by_their_factor(cube: ObjectModel, what: str, factor: float) -> None:
+    rng = np.random.default_rng(0)
+    film = Handling(cube, rng).recording(15.0).tracked(rng)
+    length = 1.0 if what == "times" else factor**-2
+    film = replace(film, t=film.t * (factor if what == "times" else 1.0), q=film.q * ([length] * 3 + [1.0] * 4))
+    words = fall_words(segment(film, cube)[0], cube)
+    if factor in (1.0, 1.03):
+        assert words is None
+        return
+    assert words is not None
+    found = re.search(r"with ([\d.]+) m.*rate ([\d.]+) times.*tags \(([\d.]+) times", words)
+    assert found is not None
+    size, rate, scale = map(float, found.groups())
+    assert size == pytest.approx(9.81 / factor**2, rel=0.02)
+    assert rate == pytest.approx(factor, rel=0.01)
+    assert scale == pytest.approx(factor**2, rel=0.02)

@@ -17,7 +17,6 @@ from tossid.ingestion.progress import Progress, Reporter
 from tossid.ingestion.tracked_poses import ImportedPoses, import_poses, read_links, read_poses
 from tossid.motion import Defect, covariance_source, median_rate, tosses_in_turn
 from tossid.motion.segmentation import Stretch
-from tossid.motion.sessions.lost_frames import LostFrames
 from tossid.objects import ObjectModel, load_object, recorded_object
 from tossid.outputs import output_file
 from tossid.settings.changed import changed
@@ -53,8 +52,6 @@ class IngestReport:
     """stretches of the recording that are no toss, and why; None where the source is ready tosses"""
     defects: tuple[Defect, ...] = ()
     """imported tosses that break a rule of motion"""
-    lost: LostFrames | None = None
-    """frames that imported tosses lost at impacts; None where that is not looked for"""
     problems: tuple[str, ...] = ()
     """messages that a person should not miss"""
 
@@ -327,7 +324,7 @@ def _ingest_poses(
             splits=checked.splits(names, settings, report),
             order=checked.order,
         )
-    return IngestReport(defects=tuple(checked.defects), lost=checked.lost, problems=tuple(report.problems))
+    return IngestReport(defects=tuple(checked.defects), problems=tuple(report.problems))
 
 
 def _model(object: Named | None, folder: Path | None = None) -> ObjectModel | None:

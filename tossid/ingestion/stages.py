@@ -17,9 +17,9 @@ from tossid.ingestion.progress import Reporter
 from tossid.motion.ground_plane import Ground, find_ground
 from tossid.motion.segmentation import Stretch, segment
 from tossid.motion.sessions import find_sessions, levelled_tracks, session_words
-from tossid.motion.sessions.falls import fall_words, rate_words
 from tossid.motion.sessions.search import recording_order
 from tossid.motion.sessions.turns import Turns, find_turns, turn_words
+from tossid.motion.sessions.witnesses import fall_words
 from tossid.objects import ObjectModel
 from tossid.settings.ingestion import DetectSettings, IngestSettings, TossSettings
 from tossid.settings.tracking import TrackSettings
@@ -310,9 +310,10 @@ def segment_tosses(
     for stretch in stretches:
         report.message("segment", f"  {stretch.t0:.2f} s to {stretch.t1:.2f} s: {stretch.reason}")
     if not tracks:
-        hint = rate_words(poses, model, gravity=settings.gravity, segments=settings.segment)
-        reasons = "see the reasons above" if hint is None else hint
-        failure = f"no toss in {len(poses.t)} poses of '{model.name}'; {reasons}"
+        failure = (
+            f"no toss in {len(poses.t)} poses of '{model.name}'; see the reasons above, and whether the frames' times, "
+            f"the tags' sizes and gravity={settings.gravity:g} are right"
+        )
         raise InputError(_with_causes(failure, opened, report))
     said = fall_words(tracks, model, gravity=settings.gravity)
     if said is not None:

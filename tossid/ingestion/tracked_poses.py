@@ -23,9 +23,8 @@ from tossid.motion.release import release_frames
 from tossid.motion.resting import other_order, rest_heights, resting_pose
 from tossid.motion.sessions import as_recorded
 from tossid.motion.sessions.copies import Copy, copy_words, find_copies
-from tossid.motion.sessions.falls import WHITE, look_for_smoothing
 from tossid.motion.sessions.levelling import IDENTITY, turned_track
-from tossid.motion.sessions.lost_frames import LostFrames, find_lost_frames, lost_words
+from tossid.motion.sessions.witnesses import fall_words
 from tossid.objects import ObjectModel, unstated_object
 from tossid.settings.ingestion import IngestSettings
 from tossid.store import drawn_splits
@@ -87,7 +86,6 @@ class CheckedPoses:
         tracks: One a toss.
         flying: The body whose flight is judged: the object, or, of one that nobody states, what its flights show.
         order: Of recording, with its sessions; None of an object that nobody states.
-        lost: Frames that were lost at impacts; None where that is not looked for.
         copies: Tosses that are earlier ones turned about the vertical.
         facts: What was found on the way, for the dataset's provenance.
         defects: What neither gravity nor contact explains, of the tosses that were looked at.
@@ -96,7 +94,6 @@ class CheckedPoses:
     tracks: Sequence[PoseTrack]
     flying: ObjectModel
     order: RecordingOrder | None
-    lost: LostFrames | None
     copies: tuple[Copy, ...]
     facts: dict[str, str | float]
     defects: list[Defect] = field(default_factory=list)
@@ -110,7 +107,7 @@ class CheckedPoses:
 
         Args:
             names: Of the tosses, in order.
-            settings: What is left out: tosses with defects, copies, tosses whose lost frames cannot be judged.
+            settings: What is left out: tosses with defects, copies.
             report: Takes problems.
         """
         broken = {defect.toss for defect in self.defects}
@@ -127,9 +124,7 @@ class CheckedPoses:
         if found is not None:
             done = "left out of the splits" if aside else "kept, each in the split of its first"
             report.problem("import", f"{found}: {done}")
-        unjudged = self.lost.unjudged if self.lost is not None and settings.lost == "undo" else frozenset[str]()
-        left_out = unjudged | (set(of) if aside else set())
-        return {name: split for name, split in splits.items() if name not in left_out}
+        return {name: split for name, split in splits.items() if not aside or name not in of}
 
 
 def import_poses(read: ImportedPoses, path: Path, settings: IngestSettings, report: Reporter) -> CheckedPoses:
@@ -138,11 +133,11 @@ def import_poses(read: ImportedPoses, path: Path, settings: IngestSettings, repo
     Args:
         read: As recorded.
         path: Where they come from.
-        settings: What is undone of what befell them: a ground elsewhere, lost frames, turns about the vertical.
+        settings: What is undone of what befell them: a ground elsewhere, turns about the vertical.
         report: Takes findings and problems.
 
     Raises:
-        FileError: They are a smoother's (`smoothed=refuse`), or the ground is too far away to be found.
+        FileError: The ground is too far away to be found.
     """
     model, facts = read.model, dict[str, str | float](read.facts)
     if model.is_stated:
@@ -150,41 +145,20 @@ def import_poses(read: ImportedPoses, path: Path, settings: IngestSettings, repo
         facts |= {} if height is None else {"ground_height_m": height}
     else:
         tracks = _levelled_by_hull(read.tracks, model, path, settings, report)
-    lost = lost_frames(tracks, model, path, settings, report)
-    if lost is not None and settings.lost == "undo":
-        tracks = lost.mended(tracks)
-        facts["lost_frames"] = lost.facts()
     parabola = None if model.is_stated else find_parabola(tracks, model, gravity=settings.gravity)
     flying, touch = (model, None) if parabola is None else (parabola.body(), parabola.may_touch)
-    _check_measured(tracks, flying, path, settings, report)
     tracks, held = _from_release(tracks, flying, touch=touch, gravity=settings.gravity, report=report)
     facts |= {"held_frames": held} if held else {}
     order, copies = None, find_copies(tracks)
     if model.is_stated:
+        said = fall_words(tracks, model, gravity=settings.gravity)
+        if said is not None:
+            report.problem("import", f"{path}: {said}")
         turns = stages.turned_back(tracks, model, settings=settings, report=report)
         tracks = tracks if turns is None else turns.undone(tracks)
         tracks, order = stages.sessions(tracks, model, settings=settings, report=report)
         order = order if turns is None else turns.with_order(order)
-    return CheckedPoses(tracks, flying, order, lost, copies, facts)
-
-
-def _check_measured(
-    tracks: Sequence[PoseTrack], model: ObjectModel, path: Path, settings: IngestSettings, report: Reporter
-) -> None:
-    """Refuse tosses that a smoother made (`settings.smoothed`); report those that do not fall by gravity."""
-    seen = look_for_smoothing(tracks, model, gravity=settings.gravity)
-    if seen.falls:
-        return
-    gravity, off = f"{settings.gravity:g} m/s²", f"{seen.fall_error:.1f} m/s²"
-    unlike = f"they do not fall by gravity: where nearest to it ({gravity}), tosses are off by {off} in the median"
-    if not seen.smoothed:
-        report.problem("import", f"{path}: {unlike} of {seen.n_falls}; is gravity={settings.gravity:g} right?")
-        return
-    smooth = f"fourth over third differences of positions are {seen.roughness:.2f}, and {WHITE:.2f} in white noise"
-    problem = f"the poses are a smoother's, not measured: {unlike} of {seen.n_falls}; {smooth}"
-    if settings.smoothed == "refuse":
-        raise FileError(path, f"{problem}. Nothing can be learned from them (smoothed=keep ingests them nevertheless)")
-    report.problem("import", f"{path}: {problem}; kept as smoothed=keep asks")
+    return CheckedPoses(tracks, flying, order, copies, facts)
 
 
 def _over_the_ground(
@@ -262,33 +236,6 @@ def _levelled_by_hull(
         return tracks
     report.problem("level", f"{found}; the world is turned and shifted so that it is z = 0 (level=never leaves it)")
     return found_tracks
-
-
-def lost_frames(
-    tracks: Sequence[PoseTrack], model: ObjectModel, path: Path, settings: IngestSettings, report: Reporter
-) -> LostFrames | None:
-    """Frames that were lost at impacts; reports these.
-
-    Args:
-        tracks: As recorded.
-        model: The object.
-        path: Where they come from.
-        settings: `lost` says whether times are to be mended.
-        report: Takes findings and problems.
-
-    Returns:
-        What was lost; None for objects with joints, or of which nothing is stated.
-    """
-    if model.n_joints or not model.is_stated:
-        return None
-    found = find_lost_frames(tracks, model, gravity=settings.gravity)
-    said = lost_words(found)
-    if said is not None and settings.lost == "keep":
-        report.problem("import", f"{path}: {said}; kept so (lost=undo mends the times)")
-    elif said is not None:
-        aside = f"{len(found.unjudged)} of {len(tracks)} tosses have such an impact that cannot be judged, and no split"
-        report.problem("import", f"{path}: {said}; times are mended, as lost=undo asks; {aside}")
-    return found
 
 
 def _from_release(

@@ -55,18 +55,12 @@ class IngestSettings(TossSettings):
     defects: Literal["keep", "set_aside"] = "keep"
     """imported tosses with what neither gravity nor contact explains (rules flight, speed, flip, jolt): set_aside gives
     them no split"""
-    smoothed: Literal["refuse", "keep"] = "refuse"
-    """imported tosses that a smoother made: they do not fall by gravity, and have no tracker's noise. refuse: an error
-    says so. keep: they are ingested nevertheless"""
     turned: Literal["keep", "undo"] = "keep"
     """imported recordings that were turned about the vertical after they were tracked, each by its own angle. undo:
     they are turned back, so that all throws go along x"""
     copies: Literal["keep", "set_aside"] = "keep"
     """imported tosses that are earlier ones turned about the vertical. keep: each goes to the split of its first, so
     that no model is tested on what it was trained on. set_aside: they get no split"""
-    lost: Literal["keep", "undo"] = "keep"
-    """imported recordings that lost frames at impacts without a gap in their times. undo: what follows a loss is moved
-    later by the time of the lost frames, and tosses whose loss cannot be judged get no split"""
     threads: Count | None = None
     """images searched at the same time; null: one a core"""
     detect: DetectSettings = field(default_factory=DetectSettings)

@@ -207,10 +207,6 @@ def prepare(dataset: Dataset, settings: TrainSettings) -> Fit:
         if settings.model.learn_inertia and not settings.model.together:
             start = start.with_changes(inertia=shown.inertia)
         fit = fit_with(settings, replace(measurement, velocity_lag=lag), start)
-    model, friction_is_kept = settings.model, wanted.learn_friction and not settings.model.learn_friction
-    if friction_is_kept and model.horizons and fit.friction_contradicted(model.horizons[-1]):
-        # friction in impacts is not that of sliding
-        return fit_with(replace(settings, model=replace(model, learn_friction=True)), fit.model.measurement)
     return fit
 
 

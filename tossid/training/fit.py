@@ -52,14 +52,12 @@ from tossid.training.restarts import (
     judging_frames,
     with_shown_corners,
 )
-from tossid.training.rollouts import BETTER_SHARE, RolloutStage, clearly_better
+from tossid.training.rollouts import RolloutStage, clearly_better
 from tossid.training.unknown import UnknownObject
 from tossid.types import Toss
 
 LEAST_IMPROVEMENT = 1e-4
 """Relative decrease of the validation loss that counts as better."""
-FRICTION_FACTORS = (0.6, 0.75, 0.9, 1.1)
-"""Factors of the friction that steady sliding shows, which are compared with it before it is kept."""
 
 
 class Fit:
@@ -233,23 +231,6 @@ class Fit:
         """The error of the last stage at the model's present parameters, if it is one of rollouts; None otherwise."""
         last = self.stages[-1] if self.stages else None
         return None if last is None or last.objective is not Objective.ROLLOUT else self._prediction(last)
-
-    def friction_contradicted(self, horizon: int) -> bool:
-        """Whether rollouts with another friction are clearly better than with the model's.
-
-        Args:
-            horizon: Frames after first contact.
-        """
-        friction = getattr(self.model, "friction", None)
-        if friction is None:
-            return False
-        prediction = self._prediction(StagePlan("friction", Objective.ROLLOUT, [], horizon))
-        mu, losses = float(friction().detach()), []
-        for factor in (1.0, *FRICTION_FACTORS):
-            friction.move(factor * mu)
-            losses.append(prediction.training_loss())
-        friction.move(mu)
-        return min(losses[1:]) < BETTER_SHARE * losses[0]
 
     def _shots(self, horizon: int) -> tuple[Shots, Shots]:
         """Training and validation shots; of objects with joints, short stretches from everywhere in a toss."""

@@ -1,8 +1,7 @@
 """An object of which nothing is known: its start for training, from tracked poses alone.
 
 The shape comes from the half-spaces that frames bound (`tossid.objects.convex_shape`), the centre of mass from free
-fall (`tossid.motion.free_fall`), inertia and friction from the balance of momentum (`tossid.motion.momentum`) where it
-determines them; where not, the inertia is that of an evenly filled shape. Training refines what is not sure.
+fall (`tossid.motion.free_fall`). The inertia is that of an evenly filled shape. Training refines what is not sure.
 
 Of two links on a hinge, each has a shape, and flight shows the parts of their common centre of mass
 (`tossid.motion.links`). The mass ratio, on which no motion depends, is that of the volumes.
@@ -19,7 +18,6 @@ from numpy.typing import NDArray
 from tossid.errors import InputError
 from tossid.motion.free_fall import FreeFall, find_parabola, free_fall
 from tossid.motion.links import body_tracks, com_of_moments, determined, moments_of_com
-from tossid.motion.momentum.estimate import Momentum, momentum_balance
 from tossid.objects import ObjectModel, to_mjcf, unstated_object
 from tossid.objects.convex_shape import ConvexShape, find_shape
 from tossid.objects.half_spaces import half_spaces
@@ -35,12 +33,6 @@ sure, whatever their standard error [m]: edges are round, or the recording has e
 SURE = 3e-4
 """Standard error up to which corners, and the centre of mass, stay as the tosses showed them [m]: training would move
 them to explain what its model lacks."""
-SURE_INERTIA = 0.05
-"""Relative standard error up to which the inertia that the balance of momentum gives is taken and stays; above, it is
-that of an evenly filled shape, and is learned."""
-SURE_FRICTION = 0.04
-"""Standard error up to which the friction of steady sliding is taken and stays: rollouts, whose law of contact is not
-the object's, miss it by as much."""
 REST_OFF_REL, MOST_REST_OFF = 0.02, 0.1
 """Share of the mean width by which the shape may be above or below the ground when a toss has come to rest, and share
 of the tosses at rest that may be farther off; from two on, more are refused: the body's frame jumps."""
@@ -60,7 +52,6 @@ class UnknownObject(NamedTuple):
         shapes: Of each link: its corners with their certainty, and where it may reach further.
         alone: How many contacts show each corner of each link while no other link touches.
         fall: Its centre of mass and gravity.
-        momentum: Its inertia and friction.
         off: How far the shape is above the ground at the end of each toss that rests elsewhere, by the toss's name [m].
     """
 
@@ -68,17 +59,13 @@ class UnknownObject(NamedTuple):
     shapes: tuple[ConvexShape, ...]
     alone: tuple[NDArray[np.int64], ...]
     fall: FreeFall
-    momentum: Momentum
     off: Mapping[str, float]
 
     def kept(self) -> dict[str, bool]:
         """Settings of a model that keep what the tosses have shown surely."""
-        com, momentum = self.fall.com_deviation.max() < SURE, self.momentum
         sure = {
             "learn_geometry": all(_is_sure(shape, linked=len(self.shapes) > 1) for shape in self.shapes),
-            "learn_com": com,
-            "learn_inertia": com and momentum.inertia_deviation < SURE_INERTIA,
-            "learn_friction": momentum.friction_deviation < SURE_FRICTION,
+            "learn_com": self.fall.com_deviation.max() < SURE,
         }
         return {name: False for name, is_sure in sure.items() if is_sure}
 
@@ -90,7 +77,7 @@ class UnknownObject(NamedTuple):
         two links, these are in an entry a link under `links`, with `contacts_alone`: contacts while the other link is
         off the ground. `assumed` then names what no toss shows.
         """
-        fall, momentum = self.fall, self.momentum
+        fall = self.fall
         links = [_link_json(*each) for each in zip(self.shapes, self.alone, strict=True)]
         ground = np.mean([shape.ground for shape in self.shapes], axis=0)
         if len(links) > 1:
@@ -110,9 +97,6 @@ class UnknownObject(NamedTuple):
             }
         return {
             **own,
-            "inertia_deviation_rel": momentum.inertia_deviation,
-            "friction": momentum.friction,
-            "friction_deviation": None if momentum.friction is None else momentum.friction_deviation,
             "rest_off_ground_m": dict(self.off),
             "ground_height_m": float(ground[0]),
             "ground_slope": ground[1:].round(6).tolist(),
@@ -156,12 +140,7 @@ def unknown_object(
 
     fall = free_fall(tosses, tree, clearance)
     model = _filled(tree, shapes, fall, settings)
-    momentum = momentum_balance(tosses, model, gravity=fall.gravity)
-    if momentum.inertia_deviation < SURE_INERTIA:
-        model = model.with_changes(inertia=momentum.inertia)
-    if momentum.friction is not None and momentum.friction_deviation < SURE_FRICTION:
-        model = model.with_changes(friction=momentum.friction)
-    return UnknownObject(model.with_changes(mjcf=to_mjcf(model)), shapes, alone, fall, momentum, off)
+    return UnknownObject(model.with_changes(mjcf=to_mjcf(model)), shapes, alone, fall, off)
 
 
 def _shapes(

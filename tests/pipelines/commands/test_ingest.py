@@ -24,17 +24,13 @@ from rosbags.typesys.stores.ros1_noetic import (
 from rosbags.typesys.stores.ros1_noetic import (
     std_msgs__msg__Header as Header,
 )
-from scipy.ndimage import gaussian_filter1d
 
 from pipelines.cli import app
 from pipelines.config.compose import load
 from pipelines.config.schemas import SynthesizeConfig
 from pipelines.files.project import newest_dataset, newest_recording
-from tests.pipelines.conftest import one_line
-from tossid.objects import load_object
 from tossid.rotations import geodesic_angle
-from tossid.store import read_dataset, write_tum
-from tossid.synthesis.tosses import make_tosses
+from tossid.store import read_dataset
 from tossid.vision.recordings.formats.frames import read_recording
 
 
@@ -60,23 +56,6 @@ def test_ingest_finds_the_newest_recording_and_its_tosses(
     i, j = np.nonzero(same)
     assert np.median(np.linalg.norm(true.q[i, :3] - found.q[j, :3], axis=1)) < 0.5e-3
     assert np.median(geodesic_angle(true.q[i, 3:7], found.q[j, 3:7])) < np.radians(0.3)
-
-
-def test_what_a_smoother_made_is_refused_unless_it_is_asked_for(
-    project: Path, answer: Any, capfd: pytest.CaptureFixture[str]
-) -> None:
-    config = synthesis("engine=lcp", "tosses=3", "seconds=1.2")
-    tosses, _ = make_tosses(config, load_object(config.object), np.random.default_rng(5))
-    for toss in tosses:
-        toss.q[:, :3] = gaussian_filter1d(toss.q[:, :3], 15.0, axis=0)
-    write_tum(project / "poses", tosses)
-    keys = ["source=tum", "source.path=poses", "object=cube", "out=made.h5"]
-    assert app.run(["ingest", *keys, "--quiet"]) == 2
-    line = one_line(capfd.readouterr().err)
-    assert "the poses are a smoother's, not measured: they do not fall by gravity" in line
-    assert "smoothed=keep" in line
-    assert not (project / "made.h5").exists()
-    assert answer("ingest", *keys, "smoothed=keep")["n_tosses"] == 3
 
 
 def test_ingest_reads_videos_and_bags_as_it_reads_frames(

@@ -2,9 +2,8 @@
 
 `witnesses` is what each toss says of its recording, and `change_points` finds where that changes over the order of
 recording. `search` makes sessions of it and decides how each is tilted, and `levelling` turns tracks into the level
-world and back. `falls` tells measurements from what a smoother made, `turns` finds recordings that were turned about
-the vertical after they were tracked, `copies` tosses that are there twice, and `lost_frames` frames that are missing at
-impacts without a gap in the times.
+world and back. `turns` finds recordings that were turned about the vertical after they were tracked, and `copies`
+tosses that are there twice.
 """
 
 from __future__ import annotations

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from tossid.motion.contact import lowest_corner
 from tossid.motion.defects import find_defects
 from tossid.motion.flight import first_parabola
 from tossid.motion.kinematics import center_of_mass
@@ -50,6 +51,10 @@ CLEAR_HEIGHT = 0.03
 """Height of the lowest stated corner above which nothing touches [m]."""
 FEWEST_FLIGHT = 10
 """Frames of flight from the release on that a parabola is fitted to."""
+FEWEST_FALLING = 5
+"""Frames of flight that show whether a toss falls by gravity at all: films may have few frames a second."""
+FALL_ERROR = 0.1
+"""Share of gravity by which tosses may fall otherwise; the published recordings have 0.01 to 0.08 in the median."""
 FLAT = np.deg2rad(8.0)
 """A face that points down within this angle is one that a link rests on [rad]."""
 FACE_ERROR = 0.01
@@ -151,6 +156,36 @@ def fall_of(t: Array, com: Array, low: Array, *, fewest: int = FEWEST_FLIGHT) ->
         "gravity": (np.array([size]), np.eye(1) / sigma**2),
         "speed": (velocity[:2], np.eye(2)),
     }
+
+
+def fall_words(tracks: Sequence[PoseTrack], model: ObjectModel, *, gravity: float = GRAVITY) -> str | None:
+    """That tosses do not fall by gravity, in words, with what usually is the cause, and by which factor.
+
+    Args:
+        tracks: One a toss, from the release on, z roughly up.
+        model: The object.
+        gravity: Where they were recorded [m/s²].
+
+    Returns:
+        The words; None where they do fall, in the median, or where too little of them is flight.
+    """
+    falls = [
+        fall_of(track.t, center_of_mass(model, track.q), lowest_corner(model, track.q), fewest=FEWEST_FALLING)
+        for track in tracks
+    ]
+    seen = [(fall["gravity"][0][0], fall["gravity"][1][0, 0] ** -0.5) for fall in falls if fall]
+    if not seen:
+        return None
+    size, sigma = np.median(seen, axis=0)
+    error = 1.25 * sigma / np.sqrt(len(seen))  # a median's standard error is a quarter larger than a mean's
+    if abs(size - gravity) < max(FALL_ERROR * gravity, 3.0 * error):
+        return None
+    factor = gravity / size
+    return (
+        f"tosses fall with {size:.2f} m/s² (median of {len(seen)}), not with {gravity:g}: are the times right (a rate "
+        f"{factor**0.5:.3g} times as high explains it), is the unit of length or the size of the tags ({factor:.3g} "
+        f"times as large does so too), is gravity={gravity:g}, or did a smoother make the poses?"
+    )
 
 
 def _rest(track: PoseTrack, model: ObjectModel, faces: list[Face]) -> Seen:
