@@ -12,17 +12,15 @@ import numpy as np
 import pytest
 
 from tests.diagnosis.tossed import seen
-from tests.motion.turned import as_published, thrown_along_x
 from tossid.diagnosis.diagnose import MOST, diagnose, prepare, searched
 from tossid.diagnosis.under_way import UnderWay
 from tossid.errors import ConfigError, InputError
-from tossid.motion.tosses import tosses_from_tracks
 from tossid.objects import ObjectModel
 from tossid.physics.effects import LIBRARY, World
 from tossid.rotations import quat_exp, quat_mul, quat_to_matrix
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.store import Dataset
-from tossid.types import PoseTrack, RecordingOrder, Session, Toss
+from tossid.types import RecordingOrder, Session, Toss
 
 KEPT = ("friction", "gravity")
 WITHOUT = tuple(effect.name for effect in LIBRARY if effect.name not in KEPT)
@@ -157,19 +155,6 @@ def test_two_recordings_in_one_dataset_are_said(dataset: Dataset) -> None:
     assert not any(
         "recordings" in remark for remark in prepare(dataset, settings=DiagnoseSettings(threads=1)).about["remarks"]
     )
-
-
-def test_recordings_that_were_turned_are_said(cube: ObjectModel) -> None:
-    thrown = thrown_along_x(cube, 45)
-
-    def remarks(tracks: list[PoseTrack]) -> tuple[str, ...]:
-        dataset = Dataset(cube, tuple(tosses_from_tracks(tracks, cube)), 148.0, "made", {})
-        return prepare(dataset, settings=DiagnoseSettings(threads=1)).about["remarks"]
-
-    (said,) = [remark for remark in remarks(as_published(thrown)) if "turned about the vertical" in remark]
-    assert "resting faces lean by 0." in said
-    assert "turned=undo" in said
-    assert not any("turned" in remark for remark in remarks(thrown))
 
 
 def test_too_little_is_refused(dataset: Dataset) -> None:

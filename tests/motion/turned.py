@@ -33,7 +33,7 @@ def thrown_along_x(cube: ObjectModel, tosses: int) -> list[PoseTrack]:
     return [
         yawed(track, np.deg2rad(rng.normal(0, 3)) - angle)
         for track, angle in zip(made, directions, strict=True)
-        if np.isfinite(angle)
+        if angle is not None
     ]
 
 

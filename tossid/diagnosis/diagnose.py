@@ -29,13 +29,12 @@ from tossid.diagnosis.under_way import UnderWay
 from tossid.errors import ConfigError, InputError, TossidError
 from tossid.motion.sessions.copies import find_copies
 from tossid.motion.sessions.levelling import recordings_apart
-from tossid.motion.sessions.turns import find_turns, turn_words
 from tossid.objects import ObjectModel
 from tossid.physics.effects import Effect, effects_for
 from tossid.settings.changed import changed
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.store import Dataset
-from tossid.types import PoseTrack, Progress, Toss, silent
+from tossid.types import Progress, Toss, silent
 
 _log = logging.getLogger(__name__)
 
@@ -216,7 +215,6 @@ def prepare(
     names = tuple(toss.name for toss in dataset.tosses)
     if dataset.order is not None and set(names) <= set(dataset.order.names):
         names = dataset.order.names
-    remarks += _turned((*tosses, *unseen), names, recorded)
     problem = Problem(
         tosses,
         Hypothesis(judged.world, judged.law),
@@ -232,19 +230,6 @@ def prepare(
     )
     about = {"tosses_of": tosses_of, "data": data or {"object": recorded.name}}
     return Task(problem, judged, {**about, "remarks": remarks, "order": dataset.order})
-
-
-def _turned(tosses: Sequence[Toss], names: Sequence[str], model: ObjectModel) -> tuple[str, ...]:
-    """A remark where recordings were turned about the vertical, and a tilt looks like a law of flight."""
-    place = {name: i for i, name in enumerate(names)}
-    inorder = sorted(tosses, key=lambda toss: place[toss.name])
-    said = turn_words(find_turns([PoseTrack(toss.name, toss.t, toss.q) for toss in inorder], model))
-    if said is None:
-        return ()
-    return (
-        f"{said}. A tilt of the tracker's world then looks like a force that follows the throw, such as that of a "
-        "turning frame; 'tossid ingest turned=undo' turns recordings back.",
-    )
 
 
 def _library(recorded: ObjectModel, without: Sequence[str]) -> tuple[Effect, ...]:

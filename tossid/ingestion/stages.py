@@ -18,7 +18,7 @@ from tossid.motion.ground_plane import Ground, find_ground
 from tossid.motion.segmentation import Stretch, segment
 from tossid.motion.sessions import find_sessions, levelled_tracks, session_words
 from tossid.motion.sessions.search import recording_order
-from tossid.motion.sessions.turns import Turns, find_turns, turn_words
+from tossid.motion.sessions.turns import Turns, find_turns
 from tossid.motion.sessions.witnesses import fall_words
 from tossid.objects import ObjectModel
 from tossid.settings.ingestion import DetectSettings, IngestSettings, TossSettings
@@ -343,7 +343,6 @@ def sessions(
     found = find_sessions(
         tracks,
         model,
-        gravity=settings.gravity,
         level=settings.level,
         advance=report.counter("sessions", len(tracks), "tosses"),
     )
@@ -358,7 +357,7 @@ def sessions(
 def turned_back(
     tracks: Sequence[PoseTrack], model: ObjectModel, *, settings: IngestSettings, report: Reporter | None = None
 ) -> Turns | None:
-    """Recordings that were turned about the vertical after they were tracked, and are to be turned back.
+    """The turns that take all throws to the x axis, of recordings that were turned about the vertical one by one.
 
     Args:
         tracks: One a toss, as recorded.
@@ -367,21 +366,15 @@ def turned_back(
         report: Takes findings and problems.
 
     Returns:
-        The turns that are to be undone; None where there are none, or they are kept.
+        The turns; None where recordings are kept as they are.
     """
+    if settings.turned == "keep":
+        return None
     report = report or Reporter()
     order, _, _ = recording_order(tracks)
-    ordered = OnDemand(lambda i: tracks[order[i]], len(order), kept=0)
-    turns = find_turns(ordered, model)
-    said = turn_words(turns)
-    if said is None:
-        return None
-    if settings.turned == "keep":
-        report.problem("sessions", f"{said}; kept so (turned=undo turns them back)")
-        return None
-    report.message("sessions", f"{said}; turned back, so that all throws go along x, as turned=undo asks")
-    unknown = [name for name, throw in zip(turns.names, turns.throws, strict=True) if not np.isfinite(throw)]
-    if unknown:
-        said = "show no direction of throw, and were turned like the toss before them"
-        report.problem("sessions", f"{len(unknown)} tosses {said}: {', '.join(unknown)}")
+    turns = find_turns(OnDemand(lambda i: tracks[order[i]], len(order), kept=0), model)
+    report.message("sessions", f"{len(tracks)} tosses are turned about the vertical, so that all throws go along x")
+    if turns.unknown:
+        said = "show no direction of throw, and are turned like the toss before them"
+        report.problem("sessions", f"{len(turns.unknown)} tosses {said}: {', '.join(turns.unknown)}")
     return turns

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from pipelines.cli import app
 from pipelines.commands.evaluate import _folder_name
 from pipelines.tracking.runs import find_run
 from tests.pipelines.stored import stored_run
-from tossid.store import read_dataset
 
 
 def test_a_run_is_found_by_its_folder_and_judged_on_held_out_tosses(
@@ -41,15 +38,3 @@ def test_another_dataset_has_a_folder_of_its_own() -> None:
     assert _folder_name(record, Path("a/other.h5"), "all") == "cnrpi-01234567-other"
     record.id = ""
     assert _folder_name(record, Path("a/tosses.h5"), "test") == "cnrpi"
-
-
-def test_copies_between_splits_are_said_once_by_train_and_once_by_evaluate(
-    beside: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    dataset = read_dataset(beside / "tosses" / "tosses.h5")
-    copy = replace(dataset.of_split("train")[0], name="copy", split="test")
-    replace(dataset, tosses=(*dataset.tosses, copy), order=None).save(beside / "leaks.h5")
-    for command in (["train", "model=cn", "epochs=2", "data=leaks.h5"], ["evaluate"]):
-        assert app.run([*command, "--quiet"]) == 0
-        said = capfd.readouterr().err
-        assert said.count("leaks.h5: copies leak between splits: 1 of 3 test tosses equal one of train") == 1

@@ -30,7 +30,7 @@ from tossid.motion.sessions.witnesses import (
     resting_faces,
     toss_witnesses,
 )
-from tossid.objects import GRAVITY, ObjectModel, corner_positions
+from tossid.objects import ObjectModel, corner_positions
 from tossid.types import OnDemand, PoseTrack, RecordingOrder, Session
 
 Array = NDArray[np.float64]
@@ -91,7 +91,6 @@ def find_sessions(
     tracks: Sequence[PoseTrack],
     model: ObjectModel,
     *,
-    gravity: float = GRAVITY,
     level: Level = "auto",
     advance: Callable[[int], None] = lambda count: None,
 ) -> RecordingOrder:
@@ -100,7 +99,6 @@ def find_sessions(
     Args:
         tracks: The tosses as recorded, z roughly up.
         model: The object.
-        gravity: Where they were recorded [m/s²].
         level: "never" only looks. "auto" and "always" level sessions where a tilt changes between them; "session"
             levels each, and one session too.
         advance: Called after each toss.
@@ -111,7 +109,7 @@ def find_sessions(
     order, ordered_by, notes = recording_order(tracks)
     names = tuple(tracks[i].name for i in order)
     ordered = OnDemand(lambda i: tracks[order[i]], len(order), kept=0)
-    seen = toss_witnesses(ordered, model, gravity=gravity, advance=advance)
+    seen = toss_witnesses(ordered, model, advance=advance)
     changes = find_changes(_quantities(seen))
     least = fewest_items(len(COLUMNS))
     if len(names) < least:

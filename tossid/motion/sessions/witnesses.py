@@ -1,4 +1,4 @@
-"""What each toss says of the world that it was recorded in: gravity, the table, noise, defects.
+"""What each toss says of the world that it was recorded in: gravity, the table, noise.
 
     fall      direction against which the common centre of mass falls, horizontal components [rad]
     gravity   size of its acceleration [m/s²]
@@ -6,7 +6,6 @@
     slope     normal of the plane through contact points, horizontal components [rad]
     height    of the faces that the object rests on, above z = 0 [m]
     noise     logarithms of the noise of positions [m] and orientations [rad]
-    defects   whether the toss breaks a rule of `tossid.motion.defects`
 
 None needs a simulator. The three tilts (`TILTS`) share nothing but the recorded poses.
 """
@@ -21,14 +20,13 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from tossid.motion.contact import lowest_corner
-from tossid.motion.defects import find_defects
 from tossid.motion.flight import first_parabola
 from tossid.motion.kinematics import center_of_mass
 from tossid.motion.noise import scatter
 from tossid.motion.resting import resting_pose
 from tossid.objects import GRAVITY, ObjectModel, body_poses, corner_positions
 from tossid.rotations import quat_boxminus, quat_rotate
-from tossid.types import PoseTrack, Toss
+from tossid.types import PoseTrack
 
 Array = NDArray[np.float64]
 Seen = dict[str, tuple[Array, Array]]
@@ -41,7 +39,6 @@ COLUMNS = {
     "slope": ("slope_x", "slope_y"),
     "height": ("height",),
     "noise": ("noise_position", "noise_angle"),
-    "defects": ("defects",),
 }
 """Witnesses, and the names of their components."""
 TILTS = ("fall", "normal", "slope")
@@ -93,7 +90,6 @@ def toss_witnesses(
     tracks: Sequence[PoseTrack],
     model: ObjectModel,
     *,
-    gravity: float = GRAVITY,
     advance: Callable[[int], None] = lambda count: None,
 ) -> Witnesses:
     """What each of many tosses says of its recording.
@@ -101,7 +97,6 @@ def toss_witnesses(
     Args:
         tracks: As recorded, z roughly up.
         model: The object.
-        gravity: Where they were recorded [m/s²].
         advance: Called after each toss.
     """
     faces, seen = link_faces(model), list[Seen]()
@@ -111,16 +106,7 @@ def toss_witnesses(
         low = corners[..., 2].min(axis=1)
         fall = fall_of(track.t, com, low)
         speeds.append(fall.pop("speed", (np.full(2, np.nan),))[0])
-        defective = float(_is_defective(track, model, gravity))
-        seen.append(
-            {
-                **fall,
-                **_rest(track, model, faces),
-                **_contacts(corners, low),
-                **_noise(com, track.q),
-                "defects": (np.array([defective]), np.ones((1, 1))),
-            }
-        )
+        seen.append({**fall, **_rest(track, model, faces), **_contacts(corners, low), **_noise(com, track.q)})
         places.append(track.q[-1, :2])
         lows.append(low[-2:])
         advance(1)
@@ -269,20 +255,6 @@ def _noise(com: Array, q: Array) -> Seen:
     position = scatter(np.diff(com, n=3, axis=0))
     angle = scatter(np.diff(quat_boxminus(q[1:, 3:7], q[:-1, 3:7]), n=2, axis=0))
     return {"noise": (np.log(np.array([position, angle]) + 1e-9), np.eye(2))}
-
-
-def _is_defective(track: PoseTrack, model: ObjectModel, gravity: float) -> bool:
-    """Whether it breaks a rule; of tracks without velocities, their differences are taken."""
-    n, nv = len(track.t), track.q.shape[1] - 1
-    v = track.v
-    if v is None:
-        dt, v = np.diff(track.t)[:, None], np.zeros((n, nv))
-        v[:-1, 3:6] = quat_boxminus(track.q[1:, 3:7], track.q[:-1, 3:7]) / dt
-        v[:-1, 6:] = np.diff(track.q[:, 7:], axis=0) / dt
-        v[-1] = v[-2]
-    cov = np.zeros((n, nv, nv))
-    toss = Toss(track.name, track.t, track.q, v, cov, cov, np.zeros(n, np.uint8))
-    return bool(find_defects([toss], model, gravity=gravity))
 
 
 def link_faces(model: ObjectModel) -> list[Face]:
