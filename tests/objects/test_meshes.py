@@ -1,9 +1,8 @@
-"""People's meshes load, touch the ground where their files say, and take no command along when MuJoCo crashes."""
+"""People's meshes load, touch the ground where their files say."""
 
 from __future__ import annotations
 
 import os
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,6 @@ from tests.objects.meshes import KINDS, MJCF, TURNED, divided_box, obj, scan, st
 from tests.store.makers import make_dataset
 from tossid.errors import FileError, ObjectError
 from tossid.objects import load_object
-from tossid.objects.files import model_file
 from tossid.objects.files.mesh import read_mesh
 from tossid.objects.files.outline import hull_vertices, outline
 from tossid.objects.roundness import directions
@@ -23,12 +21,6 @@ from tossid.rotations import quat_to_matrix
 from tossid.store import open_dataset, write_dataset
 
 WAYS = directions(500)
-
-
-@pytest.fixture
-def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Spare the process of its own, where what is read is known."""
-    monkeypatch.setattr(model_file, "_try", lambda *_: None)
 
 
 def reach(points: Any) -> Any:
@@ -43,7 +35,6 @@ def compiled(path: Path) -> mujoco.MjModel:
     return spec.compile()
 
 
-@pytest.mark.usefixtures("at_once")
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_mesh_touches_the_ground_where_its_file_says(kind: str, tmp_path: Path) -> None:
     path, vertices = KINDS[kind](tmp_path)
@@ -78,7 +69,6 @@ FRAMES = {
 }
 
 
-@pytest.mark.usefixtures("at_once")
 @pytest.mark.parametrize("name", FRAMES)
 def test_position_and_inertia_are_those_of_the_file(name: str, tmp_path: Path) -> None:
     (tmp_path / "scan.obj").write_text(obj(scan(21), normals=5))
@@ -103,7 +93,6 @@ def test_position_and_inertia_are_those_of_the_file(name: str, tmp_path: Path) -
     np.testing.assert_allclose(reach(model.corner_pos), reach(np.concatenate(corners)), atol=1e-6)
 
 
-@pytest.mark.usefixtures("at_once")
 def test_a_thin_sheet_loads(tmp_path: Path) -> None:
     (tmp_path / "sheet.obj").write_text(obj(divided_box((0.1, 0.06, 0.0001))))
     path = tmp_path / "thing.xml"
@@ -116,7 +105,6 @@ def test_a_thin_sheet_loads(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.diag(model.inertia[0]), expected, rtol=1e-4)
 
 
-@pytest.mark.usefixtures("at_once")
 def test_a_dataset_carries_a_scan_without_its_files(tmp_path: Path) -> None:
     path, _ = KINDS["scan, normals and texture"](tmp_path)
     model = load_object(path, friction=0.3)
@@ -127,33 +115,13 @@ def test_a_dataset_carries_a_scan_without_its_files(tmp_path: Path) -> None:
         np.testing.assert_allclose(reach(dataset.object.corner_pos), reach(model.corner_pos), atol=1e-7)
 
 
-def test_a_crash_of_the_compiler_is_one_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(model_file, "_TRIAL", "import os; os.kill(os.getpid(), 11)")
-    path, _ = KINDS["decomposed"](tmp_path)
-    with pytest.raises(FileError, match=r"thing\.urdf: crashes MuJoCo.*SIGSEGV.*part_0\.obj, part_1\.obj"):
-        load_object(path)
-    plain = tmp_path / "plain.xml"
-    plain.write_text(MJCF.format(assets="", geoms='<geom type="box" size="1 1 1"/>'))
-    load_object(plain, friction=0.3)  # no mesh file, no process
-
-
-def test_each_version_of_a_mesh_is_tried_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    tried, run = list[Any](), subprocess.run
-
-    def counted(*args: Any, **how: Any) -> Any:
-        tried.append(args)
-        return run(*args, **how)
-
-    monkeypatch.setattr(subprocess, "run", counted)
+def test_a_mesh_that_changed_is_read_anew(tmp_path: Path) -> None:
     path, _ = KINDS["divided box"](tmp_path)
     load_object(path, friction=0.3)
-    load_object(path, friction=0.3)
-    assert len(tried) == 1
     mesh = tmp_path / "box.obj"
     mesh.write_text(obj(divided_box((0.2, 0.1, 0.1))))
     os.utime(mesh, (mesh.stat().st_atime, mesh.stat().st_mtime + 2))  # MuJoCo takes a file's version by its seconds
     assert load_object(path, friction=0.3).width == pytest.approx(0.2)
-    assert len(tried) == 2
 
 
 PACKAGES = {
@@ -164,7 +132,6 @@ PACKAGES = {
 }
 
 
-@pytest.mark.usefixtures("at_once")
 @pytest.mark.parametrize("where", PACKAGES)
 @pytest.mark.parametrize("scheme", ["package", "model"])
 def test_a_package_is_found_beside_the_file(where: str, scheme: str, tmp_path: Path) -> None:
@@ -178,7 +145,6 @@ def test_a_package_is_found_beside_the_file(where: str, scheme: str, tmp_path: P
     np.testing.assert_allclose(np.ptp(model.corner_pos, axis=0), [0.1, 0.06, 0.08], atol=1e-7)
 
 
-@pytest.mark.usefixtures("at_once")
 def test_an_address_of_a_file_and_names_without_folders_are_read(tmp_path: Path) -> None:
     (tmp_path / "a b.obj").write_text(obj(divided_box()))
     assert load_object(urdf(tmp_path, f"file://{tmp_path}/a%20b.obj"), friction=0.3).n_corners == 8

@@ -68,7 +68,7 @@ def object_from_file(path: Path, *, friction: float | None = None) -> ObjectMode
     m = file.compiled()
     try:
         found = friction_of(m, file.texts, friction, file=path.name)
-        if file.meshes:
+        if file.has_mesh_files:
             text = to_mjcf(_outlined(_from_model(m, "", name=file.spec.modelname, friction=found.value)), ground=False)
         else:
             text = file.spec.to_xml()
