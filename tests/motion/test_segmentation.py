@@ -61,61 +61,6 @@ def _assert_covered(found: Sequence[PoseTrack], rejected: Sequence[Stretch], t: 
     assert (covered[seen] == 0).mean() < 0.005
 
 
-@pytest.mark.parametrize("noise", [(3e-5, 5e-4), (1e-4, 2e-3), (2e-4, 3e-3)])
-def test_every_toss_is_found(cube: ObjectModel, noise: tuple[float, float]) -> None:
-    for seed in range(3):
-        timeline, rng = _made(cube, seed, 6, start=5.0)
-        track = _tracked(timeline.t, timeline.q, rng, noise)
-        found, rejected = segment(track, cube)
-        _assert_found(found, timeline.t[0], timeline.release, timeline.rest)
-        assert {stretch.reason for stretch in rejected} == {"resting", "carried"}
-        _assert_covered(found, rejected, timeline.t, np.ones(len(timeline.t), dtype=bool))
-
-
-def _carried() -> np.ndarray:
-    """Lifted, carried about and set down: the flight's acceleration is missing."""
-    s = np.clip((np.arange(400) / RATE - 0.3) / 2.0, 0, 1)
-    ease = s**3 * (10 - 15 * s + 6 * s**2)
-    q = np.zeros((400, 7))
-    q[:, 0], q[:, 2], q[:, 3] = 0.5 * ease, 0.0524 + 0.25 * np.sin(np.pi * ease) ** 2, 1.0
-    return q
-
-
-def _caught() -> np.ndarray:
-    """Thrown up by a push that ends with the throw's height and speed, and caught in the air."""
-    z, v0, z0 = np.full(320, 0.0524), 1.6, 0.35
-    s, d, v = np.linspace(0, 1, 30), z0 - 0.0524, v0 * 30 / RATE
-    z[80:110] = 0.0524 + d * s**3 * (10 - 15 * s + 6 * s**2) + v * s**3 * (-4 + 7 * s - 3 * s**2)
-    tau = np.arange(40) / RATE
-    z[110:150] = z0 + v0 * tau - 0.5 * 9.81 * tau**2
-    s, end, speed = np.linspace(0, 1, 40), z[149], (v0 - 9.81 * tau[-1]) * 40 / RATE
-    z[150:190] = end + speed * s * (1 - s) ** 3 + (0.0524 - end) * s**3 * (10 - 15 * s + 6 * s**2)
-    q = np.zeros((320, 7))
-    q[:, 2], q[:, 3] = z, 1.0
-    return q
-
-
-@pytest.mark.parametrize(("q", "reason"), [(_carried(), "carried: no free flight"), (_caught(), "carried")])
-def test_what_is_carried_or_caught_is_no_toss(cube: ObjectModel, q: np.ndarray, reason: str) -> None:
-    found, rejected = segment(_tracked(np.arange(len(q)) / RATE, q, np.random.default_rng(0)), cube)
-    assert len(found) == 0
-    assert any(stretch.reason.startswith(reason) for stretch in rejected)
-
-
-def test_a_toss_taken_up_before_it_rests_is_no_toss(cube: ObjectModel) -> None:
-    timeline, rng = _made(cube, 12, 2)
-    # cut the first toss's end and the rest after it out: a hand takes the object up while it still moves
-    cut_from, cut_to = int(timeline.rest[0]) - 25, int(timeline.release[1]) - 45
-    q = timeline.q[np.r_[0:cut_from, cut_to : len(timeline.t)]].copy()
-    step = q[cut_from, :3] - q[cut_from - 1, :3]  # close the gap with a quick smooth move
-    q[:cut_from, :2] += step[:2]
-    q[cut_from:, 2] -= step[2] * np.exp(-np.arange(len(q) - cut_from) / 4.0)
-    found, rejected = segment(_tracked(timeline.t[: len(q)], q, rng), cube)
-    (toss,) = found
-    assert abs(_ends(toss, timeline.t[0])[0] - (timeline.release[1] - cut_to + cut_from)) <= 3
-    assert any("taken up again" in stretch.reason for stretch in rejected)
-
-
 def test_a_long_gap_in_a_toss_rejects_it_and_short_ones_are_bridged(cube: ObjectModel) -> None:
     timeline, rng = _made(cube, 13, 3)
     whole = _tracked(timeline.t, timeline.q, rng)
@@ -167,6 +112,8 @@ def test_minutes_of_tosses_and_of_what_hands_do_between_them(
     found, rejected = segment(made.tracked(rng, sigma=noise[0], turn=noise[1]), model)
     _assert_found(found, made.t[0], made.release, made.rest)
     _assert_covered(found, rejected, made.t, made.seen)
+    reasons = {stretch.reason for stretch in rejected}
+    assert reasons >= {"resting", "carried", "carried: no free flight", "taken up again before it rested"}
     if seconds > 300:
         assert {kind for _, _, kind in made.kinds} == set(KINDS)
         assert len(found) > 60
@@ -220,8 +167,7 @@ def test_short_blocks_read_on_demand_change_ends_by_a_frame_at_most(
     assert stretches[-1].last - stretches[-1].first > 6 * BLOCK
 
 
-@pytest.mark.parametrize("factor", [0.85, 1.0, 1.03, 1.3])
-@pytest.mark.parametrize("what", ["times", "lengths"])
+@pytest.mark.parametrize(("what", "factor"), [*(("times", by) for by in (0.85, 1.0, 1.03, 1.3)), ("lengths", 1.118)])
 def test_times_or_lengths_that_are_wrong_are_named_by_their_factor(cube: ObjectModel, what: str, factor: float) -> None:
     rng = np.random.default_rng(0)
     film = Handling(cube, rng).recording(15.0).tracked(rng)

@@ -9,7 +9,6 @@ quieter half of all windows is used.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,13 +37,6 @@ LEAST_POSITION, LEAST_ANGLE = 1e-7, 1e-6
 singular."""
 
 
-class PoseNoise(NamedTuple):
-    """Noise of recorded poses: covariance of one in the tangent space (nv, nv), and where it is from, in words."""
-
-    q_cov: Array
-    source: str
-
-
 def scatter(third: Array) -> float:
     """Robust standard deviation of a quantity's noise: the third differences of smooth motion are far smaller.
 
@@ -54,8 +46,8 @@ def scatter(third: Array) -> float:
     return float(NORMAL_MAD * np.median(np.abs(third)) / np.sqrt(20.0))
 
 
-def pose_noise(tracks: Sequence[PoseTrack], model: ObjectModel, *, touch: Touch | None = None) -> PoseNoise:
-    """Covariance of the poses' noise, diagonal and the same for all frames.
+def pose_noise(tracks: Sequence[PoseTrack], model: ObjectModel, *, touch: Touch | None = None) -> Array:
+    """Covariance of the poses' noise in the tangent space (nv, nv), diagonal and the same for all frames.
 
     Args:
         tracks: Of one object.
@@ -65,7 +57,7 @@ def pose_noise(tracks: Sequence[PoseTrack], model: ObjectModel, *, touch: Touch 
     Raises:
         InputError: No track has a window of frames.
     """
-    flight, source = [], "flight residuals"
+    flight = []
     for track in tracks:
         clear = ~(may_touch(model, track.t, track.q) if touch is None else touch(track.t, track.q))
         for first, last in runs(clear):
@@ -76,12 +68,11 @@ def pose_noise(tracks: Sequence[PoseTrack], model: ObjectModel, *, touch: Touch 
             raise InputError(f"no track has {WINDOW} frames in a row: the noise of its poses cannot be estimated")
         size = np.array([np.abs(residuals[:, :3]).mean() for residuals in whole])
         flight = [residuals for residuals, s in zip(whole, size, strict=True) if s <= np.median(size)]
-        source = "residuals of the quieter half of all windows"
     # the median of the windows' sums of squares, over that of χ²: a few windows with contact do not count
     sums = np.stack([(residuals**2).sum(axis=0) for residuals in flight])
     sigma = np.sqrt(np.median(sums, axis=0) / chi2.median(WINDOW - DEGREE - 1))
     sigma[3:6] = np.sqrt(np.mean(sigma[3:6] ** 2))  # the three axes of a rotation have one noise
-    return PoseNoise(np.diag(_at_least(sigma) ** 2), source)
+    return np.asarray(np.diag(_at_least(sigma) ** 2))
 
 
 def velocity_noise(recorded: Array, smoothed: Array, phase: NDArray[np.uint8]) -> Array:

@@ -76,7 +76,7 @@ def release_frames(
     touch = partial(may_touch, model) if touch is None else touch
     cov = None
     if any(track.q_cov is None for track in tracks):
-        cov = pose_noise(tracks, model, touch=touch).q_cov
+        cov = pose_noise(tracks, model, touch=touch)
     logs: list[Array] = []
     for track in tracks:
         last = int(np.argmax(np.append(touch(track.t, track.q), True)))

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
+from scipy.spatial import ConvexHull
 from scipy.stats import median_abs_deviation
 
 from tossid.motion.kinematics import center_of_mass
@@ -37,6 +38,8 @@ TOUCHING_REL = 0.05
 """How much higher than the lowest corner others are that touch, in widths of the object."""
 HALF_TURN = np.deg2rad(179.5)
 """A body falls over where touching corners leave a wider gap about the centre of mass, seen from above [rad]."""
+FLAT = np.deg2rad(8.0)
+"""A facet that points down within this angle is one that an object stands on [rad]."""
 REST_FRAMES = 8
 """Last frames of a toss in which an object has to lie still."""
 REST_DISTANCE, REST_ANGLE = 1e-3, 0.02
@@ -89,6 +92,42 @@ def stands(model: ObjectModel, q: Array) -> bool:
     angle = np.sort(np.arctan2(around[:, 1], around[:, 0]))
     gaps = np.diff(np.append(angle, angle[0] + 2 * np.pi))
     return bool(gaps.max() < HALF_TURN)
+
+
+class Support(NamedTuple):
+    """The plane that an object at rest stands on.
+
+    Attributes:
+        normal: Horizontal components of its upward unit normal, (2,).
+        height: Of the points that it stands on [m].
+    """
+
+    normal: Array
+    height: float
+
+
+def support_plane(track: PoseTrack, model: ObjectModel) -> Support | None:
+    """The plane that an object stands on at a toss's end: the facet of its hull that is below its centre of mass.
+
+    Args:
+        track: Of a toss, z roughly up.
+        model: The object.
+
+    Returns:
+        The plane; None where the object moves, is round, or the facet leans by more than `FLAT`.
+    """
+    pose = resting_pose(track) if model.roundness is None else None
+    if pose is None:
+        return None
+    points, com = corner_positions(model, pose), center_of_mass(model, pose)
+    hull = ConvexHull(points)
+    down = np.flatnonzero(hull.equations[:, 2] < -np.cos(FLAT))
+    if not len(down):
+        return None
+    n, d = hull.equations[down, :3], hull.equations[down, 3]
+    # n · x + d = 0: of all facets that look down, the one under the centre of mass is the highest there
+    under = int(np.argmax(-(n[:, :2] @ com[:2] + d) / n[:, 2]))
+    return Support(-n[under, :2], float(points[hull.simplices[down[under]], 2].mean()))
 
 
 def mean_pose(q: Array) -> Array:

@@ -147,7 +147,7 @@ def _measurement_covariances(tracks: Sequence[PoseTrack], flight: _Flight) -> Se
     """(n, nv, nv) of each track: its own, or one for all, estimated from flight."""
     cov = np.zeros((flight.model.nv, flight.model.nv))
     if any(track.q_cov is None for track in tracks):
-        cov = pose_noise(tracks, flight.model, touch=flight.touch).q_cov
+        cov = pose_noise(tracks, flight.model, touch=flight.touch)
 
     def of(i: int) -> Array:
         own = tracks[i].q_cov

@@ -71,7 +71,7 @@ def test_of_a_long_text_the_first_line_is_shown(capsys: Any) -> None:
 def two_sessions(tmp_path: Path, cube: ObjectModel) -> Path:
     """A dataset whose last twelve tosses stand in a world that is tilted by 3 degrees."""
     rng, tracks = np.random.default_rng(4), []
-    for k, truth in enumerate(bounce(cube, rng, tosses=24, frames=110)):
+    for k, truth in enumerate(bounce(cube, rng, tosses=24, frames=220)):
         tilt = quat_exp(np.array([np.deg2rad(3.0), 0.0, 0.0]) * (k >= 12))
         tracks.append(turned_track(tracked(truth, rng, name=str(k), with_cov=False), tilt, 0.0))
     order = find_sessions(tracks, cube)

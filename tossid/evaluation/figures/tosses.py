@@ -285,7 +285,6 @@ def errors_along_rollout(errors: Mapping[str, ErrorsAlong]) -> Figure:
 WITNESSES = (
     ("fall [°]", ("fall_x", "fall_y"), 180 / np.pi),
     ("resting normal [°]", ("normal_x", "normal_y"), 180 / np.pi),
-    ("contact slope [°]", ("slope_x", "slope_y"), 180 / np.pi),
     ("gravity [m/s²]", ("gravity",), 1.0),
     ("resting height [mm]", ("height",), 1e3),
 )

@@ -1,12 +1,11 @@
 """Changes over an order, tested by permutation.
 
-Each item i has a vector y_i with information A_i (the inverse covariance of its own error; 0 where it says nothing).
-With scatter tau between items, its weight is W_i = A_i (1 + tau² A_i)^-1. About the robust mean c of all items, the
-scores
+Each item i has a vector y_i with a standard deviation σ_i of its own error, the same along all axes. With scatter τ
+between items, its weight is w_i = 1 / (σ_i² + τ²). About the robust mean c of all items, the scores
 
-    g_i = u_i W_i^1/2 (y_i - c),      u_i = min(1, OUTLIER / |W_i^1/2 (y_i - c)|)
+    g_i = u_i w_i^1/2 (y_i - c),      u_i = min(1, OUTLIER / |w_i^1/2 (y_i - c)|)
 
-are of one size in all items: none counts more than another, however much it says of itself. (With W_i for W_i^1/2, the
+are of one size in all items: none counts more than another, however much it says of itself. (With w_i for w_i^1/2, the
 score of a Gaussian likelihood, items that say little by that change are outweighed by the others.) Where the first k
 of n items differ from the others, so do their scores: the statistic of a split is
 
@@ -43,8 +42,6 @@ FEWEST = 5
 OUTLIER = 3.0
 """Standard deviations beyond which an item counts no more than one at this distance."""
 SEED = 1
-BLOCK = 1 << 22
-"""Numbers in memory while random orders are looked at."""
 
 
 class Sequence(NamedTuple):
@@ -52,7 +49,7 @@ class Sequence(NamedTuple):
 
     Attributes:
         values: (n, d); NaN where the information is 0.
-        info: Inverse covariances of the items' own errors, (n, d, d).
+        info: Inverse variances of the items' own errors, (n,).
         covariates: What values may depend on beside the order, (n, m).
     """
 
@@ -93,34 +90,30 @@ class Mean:
 
 
 def robust_mean(values: Array, info: Array) -> Mean:
-    """The mean of items with errors of their own and scatter between them; its covariance is clustered by item.
+    """The mean of items with errors of their own and scatter between them; its covariance is that of the items.
 
     Args:
         values: (n, d); NaN where the information is 0.
-        info: Inverse covariances of the items' own errors, (n, d, d).
+        info: Inverse variances of the items' own errors, (n,).
     """
     n, d = values.shape
-    rank = np.linalg.matrix_rank(info, hermitian=True)
-    seen = rank > 0
+    seen = info > 0
     if not seen.any():
         return Mean(np.full(d, np.nan), np.full((d, d), np.nan), np.zeros((n, d)), 0)
-    y, A = values[seen], info[seen]
+    y, var = values[seen], 1 / info[seen]
     center = np.median(y, axis=0)
     for _ in range(3):
-        tau2, start = _variance_between(y - center, A, rank[seen]), center
-        W = A @ np.linalg.inv(np.eye(d) + tau2 * A)
+        w = 1 / (var + _variance_between(y - center, var))
 
-        def fit(u: Array, W: Array = W, start: Array = start) -> tuple[tuple[Array, Array], Array]:
-            H = np.einsum("n,nij->ij", u, W)
-            mean = start + np.linalg.lstsq(H, np.einsum("n,nij,nj->i", u, W, y - start), rcond=1e-10)[0]
-            return (mean, H), np.sqrt(np.maximum(_squares(y - mean, W), 1e-300))
+        def fit(u: Array, w: Array = w) -> tuple[Array, Array]:
+            mean = (u * w) @ y / (u @ w)
+            return mean, np.sqrt(np.maximum(w * ((y - mean) ** 2).sum(axis=1), 1e-300))
 
-        (center, H), u = reweighted(fit, len(y), limit=OUTLIER, iterations=20)
-    g = u[:, None] * np.einsum("nij,nj->ni", W, y - center)
-    inverse = np.linalg.pinv(H, rcond=1e-10, hermitian=True)
+        center, u = reweighted(fit, len(y), limit=OUTLIER, iterations=20)
+    g = (u * w)[:, None] * (y - center)
     scores = np.zeros((n, d))
-    scores[seen] = u[:, None] * np.einsum("nij,nj->ni", _root(W), y - center)
-    return Mean(center, inverse @ (g.T @ g) @ inverse, scores, len(y))
+    scores[seen] = (u * np.sqrt(w))[:, None] * (y - center)
+    return Mean(center, g.T @ g / (u @ w) ** 2, scores, len(y))
 
 
 def fewest_items(n_quantities: int) -> int:
@@ -170,19 +163,15 @@ def _clearest_change(quantities: Mapping[str, Sequence], rng: np.random.Generato
     if not scores:
         return None
     splits = {name: _split_statistics(g) for name, g in scores.items()}
-    above = dict.fromkeys(scores, 0)
-    most = max(1, BLOCK // (n * sum(g.shape[1] for g in scores.values())))
-    drawn, (first, last) = 0, ORDERS
-    while drawn < last:
-        # after the first orders, nothing that is far from significant is pursued (Besag and Clifford 1991)
-        if drawn >= first and (1 + min(above.values())) / (1 + drawn) > 5 * SIGNIFICANCE:
-            return None
-        count = min(first if drawn == 0 else last - drawn, most)
-        orders = rng.permuted(np.tile(np.arange(n), (count, 1)), axis=1)
+    above, (first, last) = dict.fromkeys(scores, 0), ORDERS
+    for drawn in range(1, last + 1):
+        order = rng.permutation(n)
         for name, g in scores.items():
-            above[name] += int(np.sum(_split_statistics(g[orders]).max(axis=-1) >= splits[name].max()))
-        drawn += count
-    p = {name: (1 + count) / (1 + drawn) for name, count in above.items()}
+            above[name] += int(_split_statistics(g[order]).max() >= splits[name].max())
+        # after the first orders, nothing that is far from significant is pursued (Besag and Clifford 1991)
+        if drawn == first and (1 + min(above.values())) / (1 + drawn) > 5 * SIGNIFICANCE:
+            return None
+    p = {name: (1 + count) / (1 + last) for name, count in above.items()}
     significant, worst = {}, 0.0
     for rank, name in enumerate(sorted(p, key=lambda name: p[name])):
         worst = max(worst, min(1.0, p[name] * (len(p) - rank)))
@@ -195,27 +184,28 @@ def _clearest_change(quantities: Mapping[str, Sequence], rng: np.random.Generato
 
 
 def _scores(each: Sequence) -> Array | None:
-    """Whitened and bounded scores (n, d), without what covariates explain; None of what does not vary."""
+    """Bounded scores V^-1/2 g (n, d) about their mean, without what covariates explain; None of what does not vary."""
     values = _without_covariates(each)
     mean = robust_mean(values, each.info)
-    varies = mean.n >= 2 * FEWEST and np.ptp(values[np.isfinite(values[:, 0])], axis=0).max() > 0
-    return mean.scores if varies else None
+    if mean.n < 2 * FEWEST or np.ptp(values[np.isfinite(values[:, 0])], axis=0).max() == 0:
+        return None
+    g = mean.scores - mean.scores.mean(axis=0)
+    # in the axes of V; what does not vary along one of them (a recording in a plane) counts nothing
+    U, size, _ = np.linalg.svd(g, full_matrices=False)
+    return np.asarray(np.sqrt(len(g)) * U[:, size > 1e-5 * size[0]])
 
 
 def _split_statistics(scores: Array) -> Array:
-    """T_k of every split with enough items on both sides, (..., n - 2 FEWEST + 1), of scores (..., n, d)."""
-    n = scores.shape[-2]
+    """T_k of every split with enough items on both sides, (n - 2 FEWEST + 1,), of scores (n, d)."""
+    n = len(scores)
     k = np.arange(FEWEST, n - FEWEST + 1)
-    centred = scores - scores.mean(axis=-2, keepdims=True)
-    first = centred.reshape(-1, *centred.shape[-2:])[0]  # V is the same in any order
-    root = _root(np.linalg.pinv(first.T @ first / n, rcond=1e-10, hermitian=True))
-    sums = np.cumsum(centred @ root, axis=-2)[..., k - 1, :]
-    return np.asarray((sums**2).sum(axis=-1) * (n / (k * (n - k))))
+    sums = np.cumsum(scores, axis=0)[k - 1]
+    return np.asarray((sums**2).sum(axis=1) * (n / (k * (n - k))))
 
 
 def _without_covariates(each: Sequence) -> Array:
     """Values without what covariates explain by a robust linear regression: what depends on place is no change."""
-    seen = np.trace(each.info, axis1=1, axis2=2) > 0
+    seen = each.info > 0
     m = each.covariates.shape[1]
     if seen.sum() < 4 * (m + 1):
         return each.values
@@ -236,29 +226,17 @@ def _without_covariates(each: Sequence) -> Array:
     return out
 
 
-def _variance_between(off: Array, info: Array, rank: NDArray[np.int64]) -> float:
+def _variance_between(off: Array, var: Array) -> float:
     """The variance between items that makes the median of their squared whitened distances that of χ².
 
     Args:
         off: Distances of the items from what they scatter about, (n, d).
-        info: Inverse covariances of the items' own errors, (n, d, d).
-        rank: Of these, (n,).
+        var: Variances of the items' own errors, (n,).
     """
+    squares, median = (off**2).sum(axis=1), float(chi2.median(off.shape[1]))
 
     def excess(tau2: float) -> float:
-        W = info @ np.linalg.inv(np.eye(off.shape[1]) + tau2 * info)
-        return float(np.median(chi2.cdf(_squares(off, W), rank))) - 0.5
+        return float(np.median(squares / (var + tau2))) - median
 
-    high = float(np.sum(np.median(off**2, axis=0))) * 10 + 1e-30
+    high = 10 * float(np.median(squares)) + 1e-30
     return float(brentq(excess, 0.0, high, rtol=1e-9)) if excess(0.0) > 0 > excess(high) else 0.0
-
-
-def _squares(off: Array, W: Array) -> Array:
-    """off_iᵀ W_i off_i, (n,)."""
-    return np.asarray(np.einsum("ni,nij,nj->n", off, W, off))
-
-
-def _root(W: Array) -> Array:
-    """Symmetric square roots of positive semidefinite matrices, (*b, d, d)."""
-    w, Q = np.linalg.eigh(W)
-    return np.asarray((Q * np.sqrt(np.maximum(w, 0.0))[..., None, :]) @ Q.mT)

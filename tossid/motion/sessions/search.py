@@ -1,8 +1,8 @@
 """The sessions of a recording, and how the world of each is tilted.
 
 What tosses say of their recording (`witnesses`) is searched for changes over the order of recording
-(`change_points`). A session's tilt is the weighted mean of three estimates: how objects fall, the faces they rest on,
-and the points at which they touch. Where they disagree by more than their errors, the scatter between them is added to
+(`change_points`). A session's tilt is the weighted mean of two estimates: how objects fall, and the plane they stand
+on. Where they disagree by more than their errors, the scatter between them is added to
 each (DerSimonian and Laird 1986).
 """
 
@@ -16,21 +16,13 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.motion.contact import lowest_corner
+from tossid.motion.resting import support_plane
 from tossid.motion.sessions import change_points
 from tossid.motion.sessions.change_points import FEWEST, fewest_items, find_changes, robust_mean
 from tossid.motion.sessions.levelling import IDENTITY, LEVEL_SIGMAS, SMALLEST_LEVEL, turned_track, upright
-from tossid.motion.sessions.witnesses import (
-    COLUMNS,
-    CONTACT_ERROR,
-    TILTS,
-    Face,
-    Witnesses,
-    contact_points,
-    link_faces,
-    resting_faces,
-    toss_witnesses,
-)
-from tossid.objects import ObjectModel, corner_positions
+from tossid.motion.sessions.witnesses import COLUMNS, TILTS, Witnesses, toss_witnesses
+from tossid.objects import ObjectModel
 from tossid.types import OnDemand, PoseTrack, RecordingOrder, Session
 
 Array = NDArray[np.float64]
@@ -39,11 +31,7 @@ Level = Literal["auto", "session", "always", "never"]
 EXACTLY, SHIFTED_SHARE = 1e-9, 0.95
 """Heights were shifted toss by toss where this share of them end with the lowest corner within this of 0 [m]; noise is
 at least a thousand times as much."""
-REST_ERROR = 0.001
-"""Standard deviation of the height that a resting face gives [m]."""
-ABOVE_LOWEST = 0.004
-"""Greatest height above a toss's lowest corner at which a resting face or a contact point shows the ground [m]."""
-_SAYS = {"fall": "flight", "normal": "rest on a face", "slope": "contact in two places"}
+_SAYS = {"fall": "flight", "normal": "rest on a face"}
 
 
 class Tilt(NamedTuple):
@@ -161,9 +149,9 @@ def _quantities(seen: Witnesses) -> dict[str, change_points.Sequence]:
 
 
 def _session_tilt(seen: Witnesses, part: slice) -> tuple[Tilt | None, str]:
-    """The tilt of a session's world from rest, contact and flight together.
+    """The tilt of a session's world from rest and flight together.
 
-    None where fewer than two of the three show it; and which do not, in words.
+    None where one of them does not show it; and which does not, in words.
     """
     means = {name: robust_mean(seen.values[name][part], seen.info[name][part]) for name in TILTS}
     shown = [mean for mean in means.values() if mean.n >= FEWEST and np.isfinite(mean.value).all()]
@@ -175,17 +163,11 @@ def _session_tilt(seen: Witnesses, part: slice) -> tuple[Tilt | None, str]:
 
 
 def _combined(y: Array, C: Array) -> Tilt:
-    """Weighted mean of estimates (k, 2) with covariances (k, 2, 2), with the scatter between them added to each."""
-    k, eye = len(y), np.eye(2)
-    C = C + (1e-9) ** 2 * eye
-    W = np.linalg.inv(C)
-    mean = np.linalg.solve(W.sum(axis=0), np.einsum("kij,kj->i", W, y))
-    w = np.diagonal(W, axis1=1, axis2=2)
-    Q = np.einsum("ki,ki->i", w, (y - mean) ** 2)
+    """Weighted mean of two estimates (2, 2) with covariances (2, 2, 2), with the scatter between them added to each."""
     # DerSimonian and Laird's moment estimate of each axis; the larger is taken for both, since a recording in a plane
     # has no scatter across it
-    between = max(0.0, float(np.max((Q - (k - 1)) / (w.sum(axis=0) - (w**2).sum(axis=0) / w.sum(axis=0)))))
-    W = np.linalg.inv(C + between * eye)
+    between = max(0.0, float(np.max((y[0] - y[1]) ** 2 - np.diagonal(C.sum(axis=0))) / 2))
+    W = np.linalg.inv(C + (between + 1e-18) * np.eye(2))
     cov = np.linalg.inv(W.sum(axis=0))
     return Tilt(cov @ np.einsum("kij,kj->i", W, y), cov)
 
@@ -208,39 +190,21 @@ def _raised(
     if not is_wanted:
         return replace(found, notes=(*found.notes, f"{shifted}; it is left so")) if was_shifted else found
     levelled = np.array([session.levelled for session in found.sessions])
-    ground, info = np.zeros(len(tracks)), np.zeros(len(tracks))
-    faces = link_faces(model)
+    ground, low = np.full((2, len(tracks)), np.nan)
     for i in np.flatnonzero(levelled[found.session_of] | was_shifted).tolist():
-        ground[i], info[i] = _ground(turned_track(tracks[i], found.turn[i], 0.0), model, faces)
-    known, shift, notes = info > 0, found.shift.copy(), found.notes
-    if was_shifted:
-        shift[known] = -ground[known]
-        undecided = f" ({np.sum(~known)} that do neither are left)" if not known.all() else ""
-        notes = (*notes, f"{shifted}; raised to where it rests or touches{undecided}")
-    for number in np.flatnonzero(levelled):
+        track = turned_track(tracks[i], found.turn[i], 0.0)
+        plane = support_plane(track, model)
+        ground[i], low[i] = np.nan if plane is None else plane.height, lowest_corner(model, track.q).min()
+    known, shift, notes = np.isfinite(ground), found.shift.copy(), found.notes
+    if was_shifted and known.any():
+        # the lowest corner of all frames is as far below the ground in tosses that do not come to rest as in the others
+        shift = -np.where(known, ground, low + np.median((ground - low)[known]))
+        notes = (*notes, f"{shifted}; raised to where it rests or touches")
+    for number in np.flatnonzero(levelled & (not was_shifted)):
         own = found.session_of == number
-        rows = own & known
-        if rows.any():
-            mean = robust_mean(ground[rows, None], info[rows, None, None])
-            shift[own & ~known if was_shifted else own] = -mean.value[0]
+        if (own & known).any():
+            shift[own] = -np.median(ground[own & known])
     return replace(found, shift=shift, notes=notes)
-
-
-def _ground(track: PoseTrack, model: ObjectModel, faces: list[Face]) -> tuple[float, float]:
-    """The ground's height that a toss shows [m] and its information; 0, 0 where it neither rests nor touches twice.
-
-    No corner is below ground: a link that lies on another one, or a corner that turns back in mid-air, says nothing.
-    """
-    corners = corner_positions(model, track.q)
-    low = corners[..., 2].min(axis=1)
-    resting = resting_faces(track, model, faces)[:, 2]
-    resting = resting[resting < low[-1] + ABOVE_LOWEST]
-    points = contact_points(corners, low)[:, 2]
-    points = points[points < low.min() + ABOVE_LOWEST]
-    if len(points) < 2 and not len(resting):
-        return 0.0, 0.0
-    info = np.repeat([REST_ERROR**-2, CONTACT_ERROR**-2], [len(resting), len(points)])
-    return float(np.average(np.concatenate([resting, points]), weights=info)), float(np.sum(info))
 
 
 def session_words(session: Session) -> str:
