@@ -50,7 +50,7 @@ JUDGING_LEVEL = 0.25
 """The same where a search is repeated on fewer tosses: nine of twelve cannot show at `LEVEL` what twelve have shown."""
 TRIED, FITTED = 8, 3
 """Candidates that are tried at their starts where contact is rough, and how many are fitted in a round."""
-JOINT, MOST_EFFECTS = 8, 9
+JOINT, MOST_EFFECTS = 8, 12
 """Effects that are fitted at once at most, and effects of a hypothesis."""
 ROUGH = 4.0
 """Robust size of whitened residuals of impacts or slides, in standard deviations, from which contact is rough."""
