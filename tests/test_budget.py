@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -39,27 +39,25 @@ def test_only_regular_files_have_a_size(tmp_path: Path) -> None:
             regular_size(tmp_path / name)
 
 
-def test_a_claim_beyond_its_limit_is_named() -> None:
-    check_claim(Path("a.png"), "pixels", 12, 12)
-    with pytest.raises(FileError, match=r"a.png: claims 1,300 pixels, expected at most 12"):
-        check_claim(Path("a.png"), "pixels", 1300, 12)
-    with pytest.raises(FileError, match=r"claims 1e\+20"):
-        check_claim(Path("a.png"), "pixels", 1e20, 12)
-
-
 @pytest.mark.usefixtures("small")
-def test_a_large_packed_file_may_unpack_to_more(tmp_path: Path) -> None:
-    assert [unpacked_allowance(size) for size in (1, 10, 50)] == [100, 100, 500]
+@pytest.mark.parametrize(
+    ("check", "says"),
+    [
+        (lambda path: check_claim(path, "pixels", 1300, 12), "packed: claims 1,300 pixels, expected at most 12"),
+        (lambda path: check_claim(path, "pixels", 1e20, 12), r"claims 1e\+20"),
+        (lambda path: check_unpacked(path, 501), "claims 501 bytes when unpacked, expected at most 500"),
+        (lambda path: check_pixels(path, 3, 5), "pixels"),
+        (lambda path: check_pixels(path, 0, 5), "at least one each way"),
+        (lambda path: check_pixels(path, 5, -1), "at least one each way"),
+    ],
+)
+def test_a_claim_beyond_its_limit_is_named(tmp_path: Path, check: Callable[[Path], object], says: str) -> None:
+    """A large packed file may unpack to more."""
     path = tmp_path / "packed"
     path.write_bytes(bytes(50))
+    assert [unpacked_allowance(size) for size in (1, 10, 50)] == [100, 100, 500]
+    check_claim(path, "pixels", 12, 12)
     check_unpacked(path, 500)
-    with pytest.raises(FileError, match="claims 501 bytes when unpacked, expected at most 500"):
-        check_unpacked(path, 501)
-
-
-@pytest.mark.usefixtures("small")
-def test_an_image_has_some_pixels_and_not_too_many() -> None:
-    check_pixels(Path("a.png"), 3, 4)
-    for width, height, says in ((3, 5, "pixels"), (0, 5, "at least one each way"), (5, -1, "at least one each way")):
-        with pytest.raises(FileError, match=says):
-            check_pixels(Path("a.png"), width, height)
+    check_pixels(path, 3, 4)
+    with pytest.raises(FileError, match=says):
+        check(path)

@@ -16,38 +16,15 @@ def fresh(code: str) -> str:
     return done.stdout.strip()
 
 
-def test_importing_it_imports_nothing_heavy():
-    code = f"import sys, tossid; print([name for name in {HEAVY} if name in sys.modules])"
-    assert fresh(code) == "[]"
-
-
-def test_importing_it_takes_less_than_0_3_s_of_processor_time():
-    code = "import time; began = time.process_time(); import tossid; print(time.process_time() - began)"
-    assert float(fresh(code)) < 0.3
+def test_importing_it_is_quick_and_imports_nothing_heavy():
+    code = "import sys, time; began = time.process_time(); import tossid; took = time.process_time() - began;"
+    found, took = fresh(f"{code} print([name for name in {HEAVY} if name in sys.modules], took, sep='|')").split("|")
+    assert found == "[]"
+    assert float(took) < 0.3
 
 
 def test_a_diagnosis_imports_no_torch():
     assert fresh("import sys, tossid.diagnosis.diagnose; print('torch' in sys.modules)") == "False"
-
-
-def test_a_room_and_a_type_are_there_without_importing_them_by_hand():
-    assert fresh("import tossid; print(tossid.objects.ObjectModel is tossid.ObjectModel)") == "True"
-
-
-def test_dir_names_the_verbs():
-    verbs = {
-        "ingest",
-        "read_dataset",
-        "write_dataset",
-        "synthesize",
-        "train",
-        "evaluate",
-        "study",
-        "diagnose",
-        "export",
-    }
-    assert verbs <= set(dir(tossid))
-    assert verbs <= set(tossid.__all__)
 
 
 def test_every_name_is_where_the_face_says() -> None:

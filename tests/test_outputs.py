@@ -29,27 +29,31 @@ def write(out: Path, content: str, error: BaseException | None = None) -> None:
             raise error
 
 
-def test_a_file_appears_when_it_is_whole(tmp_path: Path) -> None:
-    out = tmp_path / "deep" / "a.h5"
+@pytest.mark.parametrize("error", [RuntimeError(), KeyboardInterrupt()])
+def test_an_output_appears_when_it_is_whole_and_an_error_leaves_what_was_there(
+    tmp_path: Path, error: BaseException
+) -> None:
+    out, rec, thesis = tmp_path / "deep" / "a.h5", tmp_path / "rec", tmp_path / "thesis"
     with output_file(out) as temporary:
         temporary.write_text("new")
         assert not out.exists()
-    assert out.read_text() == "new"
-    assert entries(out.parent) == ["a.h5"]
-
-
-@pytest.mark.parametrize("error", [RuntimeError(), KeyboardInterrupt()])
-def test_an_error_leaves_what_was_there(tmp_path: Path, error: BaseException) -> None:
-    (tmp_path / "rec").mkdir()  # an empty folder is taken
+    rec.mkdir()  # an empty folder is taken
     for content in ("old", "new"):
-        write(tmp_path / "a.h5", content)
-        write(tmp_path / "rec", content)
-    for name in ("a.h5", "rec"):
+        write(rec, content)
+    for each in (out, rec):
         with pytest.raises(type(error)):
-            write(tmp_path / name, "half", error)
-    assert (tmp_path / "a.h5").read_text() == "new"
-    assert entries(tmp_path / "rec") == [outputs.MARKER, "new"]
-    assert entries(tmp_path) == ["a.h5", "rec"]
+            write(each, "half", error)
+    assert out.read_text() == "new"
+    assert entries(rec) == [outputs.MARKER, "new"]
+    assert entries(out.parent) == ["a.h5"]
+    thesis.mkdir()
+    (thesis / "chapter.tex").write_text("years of work")
+    with pytest.raises(InputError, match="did not write"):
+        write(thesis, "half")
+    with pytest.raises(InputError, match="is a folder"), output_file(tmp_path):
+        pass
+    assert entries(thesis) == ["chapter.tex"]
+    assert entries(tmp_path) == ["deep", "rec", "thesis"]
 
 
 def test_a_replacement_that_died_halfway_is_put_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,15 +67,6 @@ def test_a_replacement_that_died_halfway_is_put_back(tmp_path: Path, monkeypatch
     assert entries(tmp_path) == ["rec"]
 
 
-def test_a_strangers_folder_is_never_replaced(tmp_path: Path) -> None:
-    out = tmp_path / "thesis"
-    out.mkdir()
-    (out / "chapter.tex").write_text("years of work")
-    with pytest.raises(InputError, match="did not write"), output_folder(out, made_by="test"):
-        pass
-    assert (out / "chapter.tex").read_text() == "years of work"
-
-
 def test_files_take_the_places_of_others(tmp_path: Path) -> None:
     for name, content in {"new/a": "2", "new/in/b": "2", "old/a": "1", "old/c": "1"}.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
@@ -79,11 +74,6 @@ def test_files_take_the_places_of_others(tmp_path: Path) -> None:
     move_files(tmp_path / "new", tmp_path / "old")
     found = {path.relative_to(tmp_path / "old"): path.read_text() for path in (tmp_path / "old").rglob("?")}
     assert found == {Path("a"): "2", Path("in/b"): "2", Path("c"): "1"}
-
-
-def test_a_folder_where_a_file_should_go(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is a folder"), output_file(tmp_path):
-        pass
 
 
 @pytest.mark.parametrize(
@@ -98,22 +88,6 @@ def test_the_disks_refusals_become_one_error(tmp_path: Path, code: int, words: s
     assert str(out) in str(caught.value)
     assert out.read_text() == "old"
     assert entries(tmp_path) == ["a.h5"]
-
-
-def test_a_full_disk_while_flushing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(handle: int) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    out = tmp_path / "a.h5"
-    monkeypatch.setattr(outputs.os, "fsync", full)
-    with pytest.raises(OutputError, match="disk is full"), output_file(out) as temporary:
-        temporary.write_text("new")
-    assert entries(tmp_path) == []
-
-
-def test_a_full_disk_as_hdf5_words_it(tmp_path: Path) -> None:
-    words = "[Errno 28] Can't write data (file write failed: errno = 28, error message = 'No space left on device')"
-    assert outputs.disk_problem(OSError(words)) == "the disk is full"
 
 
 def test_errors_about_other_files_are_not_blamed_on_the_output(tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ from tossid import rotations as rot
 
 SMALL = st.floats(-10, 10, allow_subnormal=False)
 vectors = arrays(float, 3, elements=SMALL)
-tiny_vectors = arrays(float, 3, elements=st.floats(-1e-7, 1e-7))
 
 
 @st.composite
@@ -60,11 +59,6 @@ def test_log_undoes_exp(rotvec: np.ndarray) -> None:
     np.testing.assert_allclose(rot.quat_log(rot.quat_exp(rotvec)), rotvec, atol=1e-9)
 
 
-@given(tiny_vectors)
-def test_log_undoes_exp_near_zero(rotvec: np.ndarray) -> None:
-    np.testing.assert_allclose(rot.quat_log(rot.quat_exp(rotvec)), rotvec, rtol=1e-7, atol=1e-22)
-
-
 @given(quaternions())
 def test_log_takes_the_shorter_way(quat: np.ndarray) -> None:
     rotvec = rot.quat_log(quat)
@@ -98,11 +92,6 @@ def test_right_jacobian_matches_finite_differences(theta: np.ndarray) -> None:
     np.testing.assert_allclose(rot.right_jacobian(theta) @ rot.right_jacobian_inv(theta), np.eye(3), atol=1e-10)
 
 
-@given(vectors, vectors)
-def test_skew_is_the_cross_product(x: np.ndarray, y: np.ndarray) -> None:
-    np.testing.assert_allclose(rot.skew(x) @ y, np.cross(x, y), atol=1e-12)
-
-
 @given(vectors, quaternions(), vectors, quaternions(), vectors)
 def test_transforms_compose_and_invert(
     p_a: np.ndarray, q_a: np.ndarray, p_b: np.ndarray, q_b: np.ndarray, x: np.ndarray
@@ -112,12 +101,6 @@ def test_transforms_compose_and_invert(
     once = rot.transform_points(T_a @ T_b, points)
     np.testing.assert_allclose(once, rot.transform_points(T_a, rot.transform_points(T_b, points)), atol=1e-10)
     np.testing.assert_allclose(rot.transform_inv(T_a) @ T_a, np.eye(4), atol=1e-10)
-
-
-def test_quat_orders_convert_both_ways() -> None:
-    wxyz = np.array([[1.0, 2.0, 3.0, 4.0]])
-    np.testing.assert_array_equal(rot.wxyz_to_xyzw(wxyz), [[2.0, 3.0, 4.0, 1.0]])
-    np.testing.assert_array_equal(rot.xyzw_to_wxyz(rot.wxyz_to_xyzw(wxyz)), wxyz)
 
 
 def test_quat_continuous_flips_only_signs() -> None:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from tossid.errors import MotionError
+from tossid.errors import MotionError, ObjectError
+from tossid.objects import ObjectModel
 from tossid.types import OnDemand, PoseTrack, Toss, check_motion, frame_time
 
 N = 5
@@ -33,28 +37,48 @@ def spoil(name: str, index: tuple[int, ...], value: float) -> dict[str, np.ndarr
     return out
 
 
-@pytest.mark.parametrize("n_joints", [0, 1, 3])
-def test_a_motion_is_accepted(n_joints: int) -> None:
-    toss = Toss(name="a", **arrays(n_joints))
-    assert len(toss) == N
-
-
 @pytest.mark.parametrize(
     ("name", "index", "value", "row", "says"),
     [
         ("t", (2,), np.nan, 2, "finite"),
         ("t", (3,), 0.0, 3, "increase"),
+        ("t", (4,), 1e300, None, r"time is 1e\+300, expected at most 1e\+12"),
+        ("t", (4,), 1e11, None, r"time spans 1e\+11 s, expected at most 1e\+07 s"),
         ("q", (1, 0), np.inf, 1, "finite"),
         ("q", (4, 3), 1.01, 4, "norm"),
+        ("q", (3, 0), 1e300, 3, r"q is 1e\+300, expected at most 10000"),
         ("v", (0, 5), np.nan, 0, "finite"),
+        ("v", (3, 0), 1e300, 3, r"v is 1e\+300, expected at most 1e\+06"),
         ("q_cov", (2, 1, 1), -1.0, 2, "negative"),
+        ("q_cov", (2, 0, 0), 1e300, 2, r"q_cov is larger than 1e\+20"),
         ("v_cov", (3, 0, 1), np.nan, 3, "finite"),
     ],
 )
-def test_a_bad_row_is_named(name: str, index: tuple[int, ...], value: float, row: int, says: str) -> None:
+def test_a_bad_row_is_named(name: str, index: tuple[int, ...], value: float, row: int | None, says: str) -> None:
+    for n_joints in (0, 1, 3):
+        assert len(Toss(name="a", **arrays(n_joints))) == N
     with pytest.raises(MotionError, match=says) as caught:
         Toss(name="a", **spoil(name, index, value))
-    assert caught.value.row == row
+    assert row is None or caught.value.row == row
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"friction": -0.1},
+        {"friction": np.nan},
+        {"friction": 1e300},
+        {"restitution": 50.0},
+        {"mass": np.array([np.inf])},
+        {"mass": np.array([-1.0])},
+        {"com": np.full((1, 3), np.nan)},
+        {"width": np.inf},
+    ],
+)
+def test_an_object_that_nothing_has_is_refused(cube: ObjectModel, changes: dict[str, Any]) -> None:
+    (name,) = changes
+    with pytest.raises(ObjectError, match=name):
+        replace(cube, **changes)
 
 
 @pytest.mark.parametrize("name", ["t", "q", "v", "q_cov", "v_cov", "phase"])
@@ -65,21 +89,15 @@ def test_a_wrong_shape_is_refused(name: str) -> None:
         Toss(name="a", **bad)
 
 
-def test_an_unknown_split_is_refused() -> None:
-    with pytest.raises(MotionError, match="train, validation, test"):
-        Toss(name="a", split="holdout", **arrays())
-
-
-def test_a_track_checks_itself() -> None:
+def test_what_is_no_track_is_refused() -> None:
     good = arrays()
+    with pytest.raises(MotionError, match="train, validation, test"):
+        Toss(name="a", split="holdout", **good)
     PoseTrack(name="a", t=good["t"], q=good["q"])
     with pytest.raises(MotionError, match="q_cov"):
         PoseTrack(name="a", t=good["t"], q=good["q"], q_cov=good["q_cov"][:, :3])
     with pytest.raises(MotionError, match="v has shape"):
         PoseTrack(name="a", t=good["t"], q=good["q"], v=good["v"][:, :5])
-
-
-def test_one_frame_is_no_motion() -> None:
     with pytest.raises(MotionError, match="n >= 2"):
         check_motion(np.zeros(1), np.array([[0, 0, 0, 1, 0, 0, 0.0]]))
 

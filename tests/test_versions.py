@@ -7,7 +7,7 @@ import platform
 import numba
 import torch
 
-from tossid.versions import ABSENT, computing_versions, differing_versions, package_version
+from tossid.versions import ABSENT, computing_versions, differing_versions
 
 
 def test_versions_are_those_that_run() -> None:
@@ -25,7 +25,3 @@ def test_differences_name_the_package_and_both_versions() -> None:
         ("numpy", "2.4.1", "2.4.2"),
         ("torch", "2.13.0", ABSENT),
     ]
-
-
-def test_a_package_that_is_not_there() -> None:
-    assert package_version("no-such-package-of-tossid") == ABSENT

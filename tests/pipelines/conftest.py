@@ -18,7 +18,10 @@ from pipelines.cli import app
 from pipelines.cli.console import Console
 from pipelines.config.compose import load
 from pipelines.config.schemas import ViewConfig
+from pipelines.tracking.mlflow_store import client
+from pipelines.tracking.runs import find_run
 from tests.once import made_once
+from tossid.errors import InputError
 
 if TYPE_CHECKING:
     from pipelines.drawing.recording_view import ViewContent
@@ -130,3 +133,46 @@ def one_line(text: str) -> str:
     lines = text.strip().splitlines()
     assert len(lines) == 1, text
     return lines[0]
+
+
+FILM = ["tosses=1", "camera.count=2", "camera.samples=4", "camera.pause_s=[0.1,0.1]", "camera.carry_s=[0.2,0.2]"]
+
+
+@pytest.fixture(scope="session")
+def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A project folder with one small recording in data/raw."""
+
+    def make(folder: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(folder)
+            assert app.run(["synthesize", *FILM, "--quiet"]) == 0
+
+    return made_once(tmp_path_factory, "film", make)
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A project folder whose store has been made (making it takes seconds)."""
+    folder = tmp_path_factory.mktemp("project")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.delenv("MLFLOW_TRACKING_URI", raising=False)
+        with pytest.raises(InputError, match="no finished run yet"):
+            find_run()
+    return folder
+
+
+@pytest.fixture
+def inside(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(store)
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+
+
+def stored_run(run_id: str) -> Any:
+    """MLflow's own record of a run."""
+    return client().get_run(run_id)
+
+
+def metric_history(run_id: str, name: str) -> list[tuple[int, float]]:
+    """Steps and values of a run's metric."""
+    return [(point.step, point.value) for point in client().get_metric_history(run_id, name)]

@@ -70,43 +70,37 @@ def test_json_is_all_there_is_on_standard_output(command: SimpleNamespace, capfd
     assert capfd.readouterr().out == ""
 
 
-def test_what_the_library_logs_is_said_once(command: SimpleNamespace, capfd: pytest.CaptureFixture[str]) -> None:
-    def logs(path: Any, console: Console) -> dict[str, Any]:
+def test_what_the_library_logs_is_said_once_and_quiet_leaves_warnings_only(
+    command: SimpleNamespace, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def talk(path: Any, console: Console) -> dict[str, Any]:
         for _ in range(2):
             logging.getLogger("tossid.objects").info("thing.xml states friction 0.9")
             logging.getLogger("tossid.objects").warning("0.18 is a guess")
         logging.getLogger("elsewhere").warning("not ours")
-        return {}
-
-    command.does = logs
-    assert app.run(["info", "x"]) == 0
-    said = capfd.readouterr().err
-    assert (said.count("thing.xml states"), said.count("warning: 0.18 is"), said.count("0.18 is")) == (1, 1, 1)
-    assert app.run(["info", "x", "--quiet"]) == 0
-    said = capfd.readouterr().err
-    assert (said.count("thing.xml states"), said.count("0.18 is")) == (0, 1)
-    assert not logging.getLogger("tossid").handlers
-
-
-def test_quiet_leaves_warnings_only(command: SimpleNamespace, capfd: pytest.CaptureFixture[str]) -> None:
-    def talk(path: Path, console: Console) -> dict[str, Any]:
         console.say("news")
         with console.progress("work", 3) as progress:
             progress.advance(3)
         with reported(console) as show:
             show(Progress("detect", message="12 images"))
             show(Progress("detect", message="one is broken", is_problem=True))
-        console.warn("careful")
         return {}
 
     command.does = talk
-    assert app.run(["info", "x", "--quiet"]) == 0
-    assert capfd.readouterr().err.splitlines() == ["warning: one is broken", "warning: careful"]
     assert app.run(["info", "x"]) == 0
-    assert {"news", "12 images"} < set(capfd.readouterr().err.splitlines())
+    said = capfd.readouterr().err.splitlines()
+    assert [line for line in said if "not ours" not in line] == [
+        "thing.xml states friction 0.9", "warning: 0.18 is a guess", "news", "12 images", "warning: one is broken"
+    ]  # fmt: skip
+    assert app.run(["info", "x", "--quiet"]) == 0
+    said = capfd.readouterr().err.splitlines()
+    assert [line for line in said if "not ours" not in line] == ["warning: 0.18 is a guess", "warning: one is broken"]
+    assert not logging.getLogger("tossid").handlers
 
 
-def test_each_stage_that_counts_says_so_now_and_then(capfd: pytest.CaptureFixture[str]) -> None:
+def test_each_stage_that_counts_says_so_now_and_then_and_how_long_it_takes(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     with reported(Console(interval=0.0)) as show:
         for stage in ("detect", "track"):
             for _ in range(2):
@@ -115,46 +109,26 @@ def test_each_stage_that_counts_says_so_now_and_then(capfd: pytest.CaptureFixtur
     assert lines == [
         f"{stage}: {what}" for stage in ("detect", "track") for what in ("1 of 2 frames", "2 of 2 frames", "done")
     ]
-    with Console().progress("detect", 4) as progress:
-        progress.advance(4)
-    assert capfd.readouterr().err == ""  # too quick to speak of
-
-
-def test_work_that_begins_again_is_estimated_anew(
-    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    clock = iter((0.0, 80.0, 82.0, 90.0, 100.0, 110.0, 110.0))
+    clock = iter((0.0, 80.0, 90.0, 100.0, 110.0, 110.0))
     monkeypatch.setattr("pipelines.cli.console.time.monotonic", lambda: next(clock))
     with Console(interval=0.0).shares("search") as report:
-        for share in (0.8, 0.75, 0.9, 0.2, 0.4):
+        for share in (0.8, 0.9, 0.2, 0.4):  # from the third on, work begins again
             report("round", share)
-    lines = capfd.readouterr().err.splitlines()
-    assert lines[0] == "search: 80 of 100 %, about 20 s left, round"
-    assert lines[1].startswith("search: 80 of 100 %")  # a little less is no beginning
-    assert lines[2] == "search: 90 of 100 %, about 10 s left, round"
-    assert lines[3] == "search: 20 of 100 %, round"  # at no known pace
-    assert lines[4] == "search: 40 of 100 %, about 30 s left, round"
+    assert capfd.readouterr().err.splitlines()[:4] == [
+        "search: 80 of 100 %, about 20 s left, round",
+        "search: 90 of 100 %, about 10 s left, round",
+        "search: 20 of 100 %, round",  # at no known pace
+        "search: 40 of 100 %, about 30 s left, round",
+    ]
 
 
 # ---------------------------------------------------------------- failures
-
-
-def _itself() -> Exception:
-    error = FileError("cameras.yaml", "cam0.intrinsics is 5")
-    error.__cause__ = error
-    return error
 
 
 def _two_that_cause_each_other() -> Exception:
     first, second = ValueError("first"), FileError("cameras.yaml", "cam0.intrinsics is 5")
     first.__cause__, second.__context__ = second, first
     return second
-
-
-def _a_chain_that_ends_in_a_loop() -> Exception:
-    error = FileError("cameras.yaml", "cam0.intrinsics is 5")
-    error.__cause__ = _itself()
-    return error
 
 
 def _a_wrapped_interrupt() -> Exception:
@@ -169,15 +143,12 @@ def _a_wrapped_interrupt() -> Exception:
         (FileError("a.h5", "no HDF5 file"), 2, "a.h5: no HDF5 file"),
         (SolverError("no solution", count=2, total=9), 1, "no solution (2 of 9)"),
         (OSError(errno.ENOSPC, "No space", "x.h5"), 1, "x.h5: the disk is full"),
-        (OSError(errno.EROFS, "Read-only"), 1, "read-only"),
         (PermissionError(errno.EACCES, "Denied", "x.h5"), 1, "x.h5: no permission"),
         (MemoryError(), 1, "out of memory"),
         (KeyboardInterrupt(), 130, "interrupted"),
         (_a_wrapped_interrupt(), 130, "interrupted"),
         (ValueError("two\nlines"), 1, "this is a bug in tossid (ValueError: two lines)"),
-        (_itself(), 2, "cameras.yaml: cam0.intrinsics is 5"),
         (_two_that_cause_each_other(), 2, "cameras.yaml: cam0.intrinsics is 5"),
-        (_a_chain_that_ends_in_a_loop(), 2, "cameras.yaml: cam0.intrinsics is 5"),
     ],
 )
 def test_every_failure_is_one_line(
@@ -209,13 +180,6 @@ def test_a_traceback_is_in_a_log_for_a_bug_and_shown_where_asked_for(
     err = capfd.readouterr().err
     assert "Traceback" in err
     assert err.strip().splitlines()[-1] == "tossid info: a.h5: no HDF5 file"
-
-
-def test_an_interrupt_in_a_loop_of_causes_is_found() -> None:
-    outer, stop, inner = RuntimeError("Error calling __set_name__"), KeyboardInterrupt(), ValueError()
-    outer.__cause__, stop.__context__, inner.__cause__ = stop, inner, outer
-    assert failures.was_interrupted(outer)
-    assert not failures.was_interrupted(_two_that_cause_each_other())
 
 
 INTERRUPTED = """

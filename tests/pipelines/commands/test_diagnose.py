@@ -10,24 +10,15 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from pipelines.cli import app
-from pipelines.cli.console import Console
-from pipelines.commands import diagnose
 from pipelines.tracking.runs import find_runs
-from tests.pipelines.conftest import USER, one_line
+from tests.pipelines.conftest import USER
 from tests.pipelines.disturbed import FEW
-from tossid.diagnosis.conclude import Engine
-from tossid.diagnosis.problem import Problem
-from tossid.diagnosis.simulators import world_of_model
-from tossid.errors import InputError
-from tossid.models.e2e import EndToEnd
-from tossid.objects import ObjectModel
 from tossid.outputs import MARKER
 from tossid.store import read_dataset, write_dataset
 from tossid.types import Phase, Toss
@@ -85,17 +76,6 @@ def test_ctrl_c_leaves_what_is_known(spoilt: Path, tmp_path: Path) -> None:
     assert "friction" in gap["interrupted"]["suspects"][0]["name"]
     assert "was interrupted" in (where / "gap.html").read_text()
     assert (out / "gap.json").read_text() == "of before"
-
-
-def test_what_is_known_lies_in_the_folder_asked_for_unless_a_report_is_there(
-    project: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(diagnose, "_say", lambda *args: None)
-    known: Any = SimpleNamespace(save=lambda folder: (folder / "gap.html").write_text("known"))
-    for name in ("gap", "gap-interrupted"):
-        said = diagnose._save_so_far(known, Path("gap"), Console(quiet=True))
-        assert said.endswith(f"is in {name}/gap.html")
-        assert (project / name / "gap.html").read_text() == "known"
 
 
 def test_a_spoilt_friction_is_found_in_the_users_mujoco_model_and_the_patch_works(
@@ -170,30 +150,3 @@ def test_tosses_that_say_little_name_nothing_by_accident(project: Path, spoilt: 
     if kind is in_flight:
         (friction,) = [each for each in found["effects"] if each["name"] == "friction"]
         assert friction["verdict"] == "not_identifiable"
-
-
-def test_only_the_chosen_tosses_are_diagnosed(
-    project: Path, spoilt: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Of a split, from a place on; the test split is rolled out beside, unless it is what is asked about."""
-    taken: list[tuple[list[str], list[str]]] = []
-
-    def explained(problem: Problem, engine: Engine) -> None:
-        taken.append(([toss.name for toss in problem.tosses], [toss.name for toss in problem.unseen]))
-        raise InputError("seen enough")
-
-    monkeypatch.setattr("tossid.diagnosis.diagnose.report_gap", lambda problem, of_all: None)
-    monkeypatch.setattr("tossid.diagnosis.diagnose.explain", explained)
-    dataset = read_dataset(spoilt)
-    whole, train, test = ([toss.name for toss in each] for each in (
-        dataset.tosses, dataset.of_split("train"), dataset.of_split("test")
-    ))  # fmt: skip
-    for keys in ([], ["skip=2", "tosses=7"], ["split=train"]):
-        assert app.run(["diagnose", f"data={spoilt}", *keys]) == 2
-        assert "seen enough" in one_line(capfd.readouterr().err)
-    assert taken == [(whole, []), (whole[2:9], []), (train, test)]
-
-
-def test_a_network_is_no_simulator_with_effects(cube: ObjectModel) -> None:
-    with pytest.raises(InputError, match="e2e"):
-        world_of_model(EndToEnd(cube, hidden=4))

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from pipelines.commands.evaluate import _folder_name
 from pipelines.tracking.runs import find_run
-from tests.pipelines.stored import stored_run
+from tests.pipelines.conftest import stored_run
 
 
 def test_a_run_is_found_by_its_folder_and_judged_on_held_out_tosses(
@@ -30,11 +28,3 @@ def test_a_run_is_found_by_its_folder_and_judged_on_held_out_tosses(
     assert stored_run(judged.id).data.metrics["position_error_pct"] == pytest.approx(
         by_folder["position_error_pct"]["mean"]
     )
-
-
-def test_another_dataset_has_a_folder_of_its_own() -> None:
-    record: Any = SimpleNamespace(name="cnrpi", id="0123456789abcdef")
-    assert _folder_name(record, Path("a/tosses.h5"), "test") == "cnrpi-01234567"
-    assert _folder_name(record, Path("a/other.h5"), "all") == "cnrpi-01234567-other"
-    record.id = ""
-    assert _folder_name(record, Path("a/tosses.h5"), "test") == "cnrpi"

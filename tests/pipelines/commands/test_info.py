@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from pipelines.cli.console import Console
-from pipelines.commands.info import InfoRequest, run, show
+from pipelines.commands.info import InfoRequest, run
 from tests.motion.bouncing import bounce, tracked
 from tossid.motion import covariance_source, tosses_from_tracks
 from tossid.motion.sessions import find_sessions, levelled_tracks
@@ -24,21 +23,7 @@ from tossid.vision.recordings.npz import write_detections, write_tracks
 QUIET = Console(quiet=True)
 
 
-def poses(n: int = 5) -> np.ndarray:
-    """Rows of a TUM file: 10 poses a second, upwards."""
-    rows = np.zeros((n, 8))
-    rows[:, 0], rows[:, 3], rows[:, 7] = 0.1 * np.arange(n), 0.2 * np.arange(n), 1.0
-    return rows
-
-
-def test_poses_as_text(tmp_path: Path) -> None:
-    np.savetxt(tmp_path / "poses.txt", poses())
-    found = run(tmp_path / "poses.txt", QUIET)
-    assert (found["n_frames"], found["rate_hz"], found["duration_s"]) == (5, pytest.approx(10), pytest.approx(0.4))
-    assert found["position_max_m"] == pytest.approx([0, 0, 0.8])
-
-
-def test_what_stages_wrote(tmp_path: Path) -> None:
+def test_what_stages_wrote_and_a_folder(tmp_path: Path) -> None:
     corners, cov = np.zeros((4, 2)), np.tile(np.eye(2), (4, 1, 1))
     found = [Detection(camera, 0.1, tag, corners, cov, 0, 50.0) for camera, tag in (("b", 3), ("a", 3), ("a", 4))]
     write_detections(found, tmp_path / "detections.npz")
@@ -48,23 +33,16 @@ def test_what_stages_wrote(tmp_path: Path) -> None:
         "cameras": {"a": 2, "b": 1},
         "tags": {"3": 2, "4": 1},
     }
-    q = poses()[:, [1, 2, 3, 7, 4, 5, 6]]
-    write_tracks([PoseTrack("cube", poses()[:, 0], q)], tmp_path / "poses.npz")
+    t, q = 0.1 * np.arange(5), np.tile([0.0, 0, 0, 1, 0, 0, 0], (5, 1))
+    write_tracks([PoseTrack("cube", t, q)], tmp_path / "poses.npz")
     tracks = run(tmp_path / "poses.npz", QUIET)
     assert (tracks["tracks"], tracks["n_frames"], tracks["covariances"]) == ({"cube": 5}, 5, False)
-
-
-def test_a_folder_of_tosses(tmp_path: Path) -> None:
-    for name in ("0.pt", "1.pt", "notes.txt", "a.h5"):
+    np.savetxt(tmp_path / "poses.txt", np.column_stack([t, q[:, :3], q[:, 4:], q[:, 3]]))
+    poses = run(tmp_path / "poses.txt", QUIET)
+    assert (poses["n_frames"], poses["rate_hz"], poses["duration_s"]) == (5, pytest.approx(10), pytest.approx(0.4))
+    for name in ("0.pt", "a.h5"):
         (tmp_path / name).touch()
-    assert run(tmp_path, QUIET) == {"kind": "folder", "datasets": ["a.h5"], "pt_files": 2, "txt_files": 1}
-
-
-def test_of_a_long_text_the_first_line_is_shown(capsys: Any) -> None:
-    show({"kind": "x", "provenance": {"config": "a: 1\nb: 2", "version": "0.2.0"}}, Console(), title="t")
-    err = capsys.readouterr().err
-    assert "a: 1 … (2 lines)" in err
-    assert "b: 2" not in err
+    assert run(tmp_path, QUIET) == {"kind": "folder", "datasets": ["a.h5"], "pt_files": 1, "txt_files": 1}
 
 
 @pytest.fixture

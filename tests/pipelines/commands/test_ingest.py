@@ -26,16 +26,10 @@ from rosbags.typesys.stores.ros1_noetic import (
 )
 
 from pipelines.cli import app
-from pipelines.config.compose import load
-from pipelines.config.schemas import SynthesizeConfig
 from pipelines.files.project import newest_dataset, newest_recording
 from tossid.rotations import geodesic_angle
 from tossid.store import read_dataset
 from tossid.vision.recordings.formats.frames import read_recording
-
-
-def synthesis(*keys: str) -> SynthesizeConfig:
-    return load("synthesize", SynthesizeConfig, keys)
 
 
 def test_ingest_finds_the_newest_recording_and_its_tosses(

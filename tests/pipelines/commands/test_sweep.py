@@ -16,10 +16,12 @@ import pytest
 
 from pipelines.cli import app
 from pipelines.commands import sweep
+from pipelines.commands.cells import study_cells
+from pipelines.config.compose import load
+from pipelines.config.schemas import EvaluateConfig
 from pipelines.tracking.mlflow_store import client
 from pipelines.tracking.runs import find_run, find_runs
-from tests.pipelines.conftest import one_line
-from tests.pipelines.stored import metric_history, stored_run
+from tests.pipelines.conftest import metric_history, one_line, stored_run
 from tossid.studies import study as studies
 from tossid.studies.cells import CELL, compute_cell
 
@@ -70,7 +72,8 @@ def test_a_study(beside: Path, answer: Any, counted: list[str]) -> None:
     assert [float(row["position_error_pct.mean"]) for row in rows] == [
         c["position_error_pct"]["mean"] for c in report["cells"]
     ]
-    assert float(rows[1]["from_flight.rotation_error_deg.high"]) == cell_end(report["cells"][1])
+    flight = report["cells"][1]["from_flight"]
+    assert float(rows[1]["from_flight.rotation_error_deg.high"]) == flight["rotation_error_deg"]["ci95"][1]
 
     table = (out / "table.md").read_text().splitlines()
     assert len(table) == 2 + 4
@@ -122,18 +125,29 @@ def test_cells_that_a_killed_command_had_logged_are_not_logged_twice(beside: Pat
     assert again["cells"][0]["run"] == whole
     assert again["cells"][1]["run"] != half
     assert [run.info.status for run in nested] == ["FINISHED", "FINISHED"]
-
-    # a run that a person deleted is logged again, and so is a study whose experiment was
-    client().delete_run(whole)
+    client().delete_run(whole)  # by a person
     third = answer(*study)
     assert third["cells"][0]["run"] != whole
     assert third["cells"][1]["run"] == again["cells"][1]["run"]
-    client().delete_run(first["run"])
-    assert {run.data.tags["mlflow.parentRunId"] for run in find_runs(parent=answer(*study)["run"])} != {first["run"]}
 
 
-def cell_end(cell: dict[str, Any]) -> float:
-    return float(cell["from_flight"]["rotation_error_deg"]["ci95"][1])
+def test_cells_have_the_settings_of_their_keys_and_are_told_apart_by_what_they_depend_on(made: Path) -> None:
+    data = made / "tosses" / "tosses.h5"
+
+    def cells(*keys: str, sha256: str = "a") -> dict[Any, Any]:
+        config = load("evaluate", EvaluateConfig, ["sweep=gravity", *SMALL, *keys])
+        assert config.sweep is not None
+        return study_cells(config.sweep, data, sha256)
+
+    one = cells()
+    for cell, keys in one.items():
+        assert cell.label == {"model": keys.model.name, "seed": keys.seed, "gravity": keys.model.gravity}
+        assert (cell.settings.model, cell.settings.epochs) == (keys.model, 2)
+    digests = [cell.digest for cell in one]
+    assert len(set(digests)) == 4
+    assert [cell.digest for cell in cells("sweep.name=other", "sweep.workers=3")] == digests
+    for other in (cells(sha256="b"), cells("sweep.seeds=[1]")):
+        assert not {cell.digest for cell in other} & set(digests)
 
 
 def test_the_number_of_training_tosses(beside: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -20,8 +20,7 @@ import torch
 
 from pipelines.cli import app
 from pipelines.tracking.runs import find_run, find_runs
-from tests.pipelines.conftest import KEYS, one_line
-from tests.pipelines.stored import metric_history, stored_run
+from tests.pipelines.conftest import KEYS, metric_history, one_line, stored_run
 from tests.pipelines.test_refusals import Bomb
 from tossid import outputs
 
@@ -62,14 +61,6 @@ def training(folder: Path, *, epochs: int) -> Iterator[subprocess.Popen[str]]:
         yield running
 
 
-def interrupt(folder: Path, number: signal.Signals, *, epochs: int) -> tuple[int, str]:
-    """Exit code and words of a training that gets a signal once it has kept so many epochs."""
-    with training(folder, epochs=epochs) as running:
-        running.send_signal(number)
-        err = running.communicate(timeout=30)[1]
-    return running.returncode, err
-
-
 def unfinished() -> str:
     """The one training in the store that has not finished."""
     (left,) = [run.info.run_id for run in find_runs(command="train") if run.info.status != "FINISHED"]
@@ -82,10 +73,12 @@ def unfinished() -> str:
 def test_an_interrupted_training_goes_on_in_its_run(
     beside: Path, made: Path, answer: Any, number: signal.Signals, epochs: int
 ) -> None:
-    code, err = interrupt(beside, number, epochs=epochs)
+    with training(beside, epochs=epochs) as running:
+        running.send_signal(number)
+        err = running.communicate(timeout=30)[1]
     left = unfinished()
     if number == signal.SIGINT:
-        assert code == 130
+        assert running.returncode == 130
         assert "interrupted" in err.strip().splitlines()[-1]
         assert stored_run(left).info.status == "KILLED"
     assert "Traceback" not in err
@@ -105,60 +98,38 @@ def test_an_interrupted_training_goes_on_in_its_run(
         torch.testing.assert_close(resumed[name], value, rtol=0, atol=1e-9)
 
 
-@pytest.fixture(scope="module")
-def interrupted(
-    made: Path,
-    tmp_path_factory: pytest.TempPathFactory,
-) -> Path:
-    """A project with a finished training and, after it, one that was interrupted."""
-    folder = tmp_path_factory.mktemp("interrupted")
-    shutil.copytree(made, folder, dirs_exist_ok=True)
-    (checkpoint,) = folder.glob("outputs/train/*/checkpoint.pt")
+@pytest.mark.slow
+def test_what_becomes_of_an_interrupted_training(
+    made: Path, project: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside a finished one. Two of the same keys do not mix; a hostile state is not run; a lost store and
+    restart=true begin anew."""
+    shutil.copytree(made, project, dirs_exist_ok=True)
+    (checkpoint,) = project.glob("outputs/train/*/checkpoint.pt")
     before = checkpoint.read_bytes()
-    with training(folder, epochs=3) as running:
-        again = subprocess.run(
-            [sys.executable, "-m", "pipelines.cli.app", *TRAIN], capture_output=True, text=True, cwd=folder
-        )
+    with training(project, epochs=3) as running:
+        again = subprocess.run([sys.executable, "-m", "pipelines.cli.app", *TRAIN], capture_output=True, text=True)
         assert again.returncode == 1
-        assert f"process {running.pid}" in one_line(again.stderr)  # two trainings of the same keys do not mix
+        assert f"process {running.pid}" in one_line(again.stderr)
         running.send_signal(signal.SIGTERM)
         assert running.wait(timeout=30) == 130
     assert checkpoint.read_bytes() == before
-    return folder
 
-
-def _restarted(folder: Path, patch: pytest.MonkeyPatch) -> tuple[list[str], int, str]:
-    return ["restart=true"], 0, ""
-
-
-def _hostile(folder: Path, patch: pytest.MonkeyPatch) -> tuple[list[str], int, str]:
-    (state,) = folder.glob("outputs/train/*/under_way/state.pt")
+    left = unfinished()
+    (state,) = project.glob("outputs/train/*/under_way/state.pt")
+    shutil.copytree(state.parent, project / "kept")
     torch.save({"schema": Bomb()}, state)
-    return [], 2, "state.pt"
-
-
-def _store_lost(folder: Path, patch: pytest.MonkeyPatch) -> tuple[list[str], int, str]:
-    left = unfinished()
-    patch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{folder / 'other.db'}")
-    return [], 0, f"run {left} is not in this store"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("change", [_restarted, _hostile, _store_lost])
-def test_what_becomes_of_an_interrupted_training(
-    interrupted: Path,
-    project: Path,
-    capfd: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    change: Callable[[Path, pytest.MonkeyPatch], tuple[list[str], int, str]],
-) -> None:
-    shutil.copytree(interrupted, project, dirs_exist_ok=True)
-    left = unfinished()
-    keys, code, says = change(project, monkeypatch)
-    assert app.run([*TRAIN, *keys]) == code
-    assert says in capfd.readouterr().err
+    assert app.run(TRAIN) == 2
+    assert "state.pt" in capfd.readouterr().err
     assert not (project / "exploded").exists()
-    if code == 0:
+    for keys, uri, says in (
+        ([], f"sqlite:///{project / 'other.db'}", f"run {left} is not in this store"),
+        (["restart=true"], f"sqlite:///{project / 'mlflow.db'}", ""),
+    ):
+        shutil.copytree(project / "kept", state.parent, dirs_exist_ok=True)
+        monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
+        assert app.run([*TRAIN, *keys]) == 0
+        assert says in capfd.readouterr().err
         new = find_runs(command="train")[0].info
         assert (new.status, new.run_id != left) == ("FINISHED", True)
         assert metric_history(new.run_id, "continuous/train")[0][0] == 1  # earlier epochs are there too

@@ -129,18 +129,13 @@ def test_values_come_from_conf_and_every_kind_of_key_can_be_set(
         ("cuont=3", "cuont", "count"),
         ("speed=3", "speed", "part.speed"),
         ("part.sped=3", "part.sped", "part.speed"),
-        ("prat.speed=3", "prat.speed", "part.speed"),
         ("engine.stepps=3", "engine.stepps", "engine.steps"),
-        ("extra.stepps=3", "extra.stepps", None),
         ("engine=gentel", "engine", "gentle"),
         ("mode=exakt", "mode", "exact"),
         ("gentle", "gentle", "engine=gentle"),
         ("count", "count", "count=…"),
         ("+count=3", "+count=3", None),
-        ("++count=3", "++count=3", None),
-        ("+new=3", "+new=3", None),
         ("~count", "~count", None),
-        ("~engine=gentle", "~engine=gentle", None),
         ("part=3", "part", None),
         ("engine.name=rough", "engine.name", None),
         ("engine=null", "engine", None),
@@ -149,21 +144,15 @@ def test_values_come_from_conf_and_every_kind_of_key_can_be_set(
         ("count=abc", "count", None),
         ("count=1.5", "count", None),
         ("count=true", "count", None),
-        ("count=null", "count", None),
         ("count=1,2", "count", None),
-        ("count=range(3)", "count", None),
         ("count=[1", "count", None),
-        ("count=", "count", None),
-        ("flag=yes please", "flag", None),
         ("flag=1", "flag", None),
         ("part.speed=0", "part.speed", None),
         ("part.speed=nan", "part.speed", None),
-        ("part.speed=inf", "part.speed", None),
         ("engine.steps=0", "engine.steps", None),
         ("pair=[1]", "pair", None),
         ("pair=[1,x]", "pair[1]", None),
         ("table={a: x}", "table.a", None),
-        ("table=3", "table", None),
         ("engine=rough", "engine.grip", None),
         ("=3", "=3", None),
     ],
@@ -176,23 +165,23 @@ def test_refused(conf: Path, override: str, key: str, suggestion: str | None) ->
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "a b",
-        "it's (here), a=b",
-        'say "x"',
-        "[1,2]",
-        "{a: 1}",
-        "1,2",
-        "range(3)",
-        "back\\slash\\",
-        "ü/ö",
-        "12",
-        "+x",
-        "~x",
-    ],
-)
+TEXTS = [
+    "a b",
+    "it's (here), a=b",
+    'say "x"',
+    "[1,2]",
+    "{a: 1}",
+    "1,2",
+    "range(3)",
+    "back\\slash\\",
+    "ü/ö",
+    "12",
+    "+x",
+    "~x",
+]
+
+
+@pytest.mark.parametrize("text", TEXTS)
 def test_text_is_taken_as_typed(conf: Path, text: str) -> None:
     config = read(conf, f"part.label={text}", f"where=/tmp/{text}")
     assert config.part.label == text
@@ -208,7 +197,7 @@ def test_any_text_survives(part_conf: Path, text: str) -> None:
 
 
 @given(st.text(max_size=30))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_no_override_escapes_as_another_error(part_conf: Path, text: str) -> None:
     for override in (text, f"speed={text}", f"{text}=1"):
         try:

@@ -1,4 +1,4 @@
-"""What is drawn of recordings, datasets, runs and gaps is what they hold."""
+"""What is drawn of recordings, datasets, runs and gaps is what they hold; contact sheets and Rerun files."""
 
 from __future__ import annotations
 
@@ -13,41 +13,24 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
+from pipelines.cli import app
 from pipelines.cli.console import Console
-from pipelines.commands.view import happening
+from pipelines.commands import view
+from pipelines.commands.view import happening, sheet_of
 from pipelines.config.compose import load
 from pipelines.config.schemas import ViewConfig
-from pipelines.drawing import recording_view
-from pipelines.drawing.figures import stages_of, write_figures
-from pipelines.drawing.recording_view import ViewContent, faces_in_view, misplaced, recording_content, thinned
-from pipelines.drawing.rerun_file import need_rerun
+from pipelines.drawing.recording_view import ViewContent, faces_in_view, misplaced, recording_content
 from pipelines.drawing.toss_view import in_a_row, toss_content
-from tossid.errors import FileError, InputError
+from tests.pipelines.conftest import one_line
+from tossid.errors import FileError
 from tossid.motion import frames_in_flight
-from tossid.objects import ObjectModel, to_mjcf
+from tossid.objects import to_mjcf
 from tossid.rotations import geodesic_angle
 from tossid.store import read_dataset
 from tossid.vision.cameras.shutter import poses_at
+from tossid.vision.detection.contact_sheet import FOUND, PLACED
 from tossid.vision.recordings.npz import read_tracks
-
-
-def test_figures_are_files_of_their_names(tmp_path: Path) -> None:
-    paths = write_figures({"one": Figure(), "two": Figure()}, tmp_path / "new")
-    assert [path.name for path in paths] == ["one.png", "two.png"]
-    assert all(path.read_bytes()[:4] == b"\x89PNG" for path in paths)
-
-
-def test_the_stages_of_corners_are_in_true_lengths_and_of_all_links(elbow: ObjectModel) -> None:
-    steps = [elbow.corner_pos + 0.01, elbow.corner_pos]
-    own = [elbow.corner_body == body for body in range(elbow.n_bodies)]
-    links = [{"way_m": [(2 * step[which]).tolist() for step in steps]} for which in own]
-    model = SimpleNamespace(learned_object=lambda: elbow, measurement=SimpleNamespace(length_scale=2.0))
-    trained: Any = SimpleNamespace(parameters={"geometry": links}, model=model)
-    np.testing.assert_allclose(stages_of(trained), steps)
-    trained.parameters = {"geometry": [{"way_m": []}, {"way_m": []}]}
-    assert stages_of(trained) == []
 
 
 def test_a_recording_is_shown_as_it_was(late_film: Path, content: ViewContent) -> None:
@@ -101,26 +84,6 @@ def test_stages_files_are_shown_where_there_are_some(
     (tmp_path / "film" / "cameras.yaml").touch()  # a newer recording of the same name: its stages are not there yet
     with pytest.raises(TypeError, match="NoneType"):
         recording_content(load("view", ViewConfig, ["recording=film"]), Console(quiet=True))
-
-
-def test_images_are_thinned_until_they_fit(content: ViewContent, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert content.frames is not None
-    count = sum(map(len, content.frames.values()))
-    whole = sum(file.path.stat().st_size for files in content.frames.values() for file in files)
-    assert thinned(content)[1] == 1
-    monkeypatch.setattr(recording_view, "MOST_BYTES", whole / 3.5)
-    fewer, every = thinned(content)
-    assert every == 4
-    assert fewer.frames is not None
-    left = sum(file.path.stat().st_size for files in fewer.frames.values() for file in files)
-    assert left < 1.1 * whole / 3.5
-    assert sum(map(len, fewer.frames.values())) == pytest.approx(count / 4, abs=2)
-
-
-def test_the_module_imports_without_rerun_and_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "rerun", None)  # an import that fails
-    with pytest.raises(InputError, match=r"pip install 'tossid\[view\]'"):
-        need_rerun()
 
 
 def test_a_rerun_file_holds_it_all(
@@ -210,3 +173,43 @@ def test_a_gap_is_shown_with_its_simulators(made: Path, tmp_path: Path) -> None:
             assert np.linalg.norm(predicted.p[flight] - measured.p[flight], axis=1).max() < 4e-3
     with pytest.raises(FileError, match="no gap report"):
         toss_content(load("view", ViewConfig, [f"gap={made / 'tosses'}"]), Console(quiet=True))
+
+
+def test_a_sheet_marks_what_was_found(content: ViewContent) -> None:
+    sheet = sheet_of(content, 3).astype(int)
+    assert 900 < sheet.shape[1] < 1100
+    for colour in (FOUND, PLACED):
+        assert (np.abs(sheet - colour).max(axis=-1) < 40).sum() > 300
+    nothing = ViewContent("n", content.cameras, content.layout, content.recording, content.frames)
+    bare = sheet_of(nothing, 3).astype(int)
+    assert bare.shape == sheet.shape
+    marked = np.abs(sheet - FOUND).max(axis=-1) < 10
+    assert (np.abs(bare - FOUND).max(axis=-1) < 10).sum() < 0.3 * marked.sum()  # the legend's alone
+
+
+def test_a_sheet_needs_no_rerun(late_film: Path, monkeypatch: pytest.MonkeyPatch, answer: Any, capfd: Any) -> None:
+    monkeypatch.chdir(late_film)
+    monkeypatch.setitem(sys.modules, "rerun", None)  # an import that fails
+    made = answer("view", "recording=film", "sheet=sheet.png", "moments=2", "start_s=0.3", "seconds=0.4")
+    assert made["sheet"] == "sheet.png"
+    assert made["out"] is None
+    assert cv2.imread("sheet.png").shape[1] >= 760
+    assert app.run(["view", "recording=film", "--quiet"]) == 2
+    line = one_line(capfd.readouterr().err)
+    assert "pip install 'tossid[view]'" in line
+    assert "sheet=" in line
+
+
+def test_the_viewer_listens_on_loopback_alone(
+    late_film: Path, monkeypatch: pytest.MonkeyPatch, answer: Any, tmp_path: Path
+) -> None:
+    started: list[list[str]] = []
+    rerun_file = SimpleNamespace(
+        need_rerun=lambda: None, write_rerun=lambda content, path, **more: path.write_bytes(b"RRF") or 0
+    )
+    monkeypatch.setitem(sys.modules, "pipelines.drawing.rerun_file", rerun_file)
+    monkeypatch.setattr(view.subprocess, "Popen", lambda args, **more: started.append(args))
+    monkeypatch.chdir(late_film)
+    out = str(tmp_path / "film.rrd")
+    answer("view", "recording=film", f"out={out}", "open=true", "every=50")
+    assert started == [[sys.executable, "-m", "rerun", "--bind", "127.0.0.1", out]]

@@ -5,13 +5,12 @@ from __future__ import annotations
 import signal
 import subprocess
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
 from pipelines.execution import code_version
-from pipelines.execution.code_version import commit, version, version_line
+from pipelines.execution.code_version import commit, version_line
 from pipelines.execution.interrupts import interrupted_later
 
 
@@ -30,11 +29,6 @@ def git(folder: Path, *args: str) -> str:
     return done.stdout.strip()
 
 
-def test_outside_a_clone_there_is_only_a_version(root: Path) -> None:
-    assert commit() == ""
-    assert version_line() == f"tossid {version()}"
-
-
 def test_a_commit_and_whether_files_have_changed(root: Path) -> None:
     git(root, "init", "-q")
     (root / "a.txt").write_text("1")
@@ -50,11 +44,6 @@ def test_a_commit_and_whether_files_have_changed(root: Path) -> None:
     assert version_line().endswith(f"({head[:12]}+changes)")
 
 
-def test_a_damaged_repository_is_no_error(root: Path) -> None:
-    (root / ".git").mkdir()
-    assert commit() == ""
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_waits_until_the_end_and_handlers_come_back(number: signal.Signals) -> None:
     before, done = signal.getsignal(number), []
@@ -63,12 +52,3 @@ def test_a_signal_waits_until_the_end_and_handlers_come_back(number: signal.Sign
         done.append(1)
     assert done == [1]
     assert signal.getsignal(number) is before
-
-
-def test_a_thread_leaves_handlers_alone() -> None:
-    def within() -> object:
-        with interrupted_later():
-            return signal.getsignal(signal.SIGINT)
-
-    with ThreadPoolExecutor(1) as pool:
-        assert pool.submit(within).result() is signal.getsignal(signal.SIGINT)

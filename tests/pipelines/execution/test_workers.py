@@ -17,8 +17,8 @@ import pytest
 from pipelines.config.schemas import DaskLauncher, ProcessesLauncher, SlurmLauncher
 from pipelines.execution.workers import _with_code, open_workers
 from pipelines.tracking.runs import find_runs
-from tests.pipelines.cluster import cluster, wait_for
 from tests.pipelines.disturbed import hooked
+from tests.pipelines.processes import cluster, wait_for
 from tests.pipelines.test_durability import PORTS, outside
 from tests.test_parallel import die_of_three, halved
 from tossid.errors import ConfigError, FileError, InputError, SolverError, TossidError
@@ -38,15 +38,9 @@ def words(found: list[tuple[int, Any]]) -> dict[int, Any]:
     return {x: str(y) if isinstance(y, TossidError) else y for x, y in found}
 
 
-def test_an_error_of_ours_is_an_outcome_and_any_other_ends_the_work() -> None:
-    assert words(list(as_done(halved, [4, 3, 2], None))) == {4: 2, 3: "3 is odd", 2: 1}
+def test_an_error_of_ours_is_an_outcome_and_a_process_that_dies_ends_the_command_with_one_line() -> None:
     with open_workers(HERE, 2) as there:
         assert words(list(as_done(halved, [4, 3, 2], there.submit))) == {4: 2, 3: "3 is odd", 2: 1}
-    with pytest.raises(ZeroDivisionError):
-        list(as_done(lambda x: 1 // x, [0], None))
-
-
-def test_a_process_that_dies_ends_the_command_with_one_line() -> None:
     with pytest.raises(SolverError, match="a worker died or was lost"), open_workers(HERE, 1) as there:
         list(as_done(die_of_three, [1, 3, 5], there.submit))
 
@@ -122,22 +116,13 @@ def slurm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.slow
-def test_slurms_jobs(slurm: Path) -> None:
-    launcher = SlurmLauncher("slurm", 1, None, None, "1GiB", "00:10:00", "lo", True, 120.0)
-    with open_workers(launcher, None) as there:
-        assert there.count == 1
-        assert words(list(as_done(halved, [4, 3], there.submit))) == {4: 2, 3: "3 is odd"}
-    (job,) = (slurm / "sbatch.jobs").read_text().split()
-    # ended with the command
-    assert wait_for(lambda: not Path(f"/proc/{job}").exists() or "Z" in state_of(job), 60)
-
-
-@pytest.mark.slow
-def test_slurms_scheduler_takes_nobody_without_its_certificate(slurm: Path) -> None:
+def test_slurms_jobs_compute_and_nobody_is_taken_without_its_certificate(slurm: Path) -> None:
     from distributed import Client
 
     launcher = SlurmLauncher("slurm", 1, None, None, "1GiB", "00:10:00", "lo", True, 120.0)
     with open_workers(launcher, None) as there:
+        assert there.count == 1
+        assert words(list(as_done(halved, [4, 3], there.submit))) == {4: 2, 3: "3 is odd"}
         address = there.executor._client.scheduler.address  # type: ignore[attr-defined]
         assert address.startswith("tls://127.0.0.1:")
         (certificates,) = (slurm / "outputs/logs/slurm").glob("tls-*")
@@ -146,6 +131,9 @@ def test_slurms_scheduler_takes_nobody_without_its_certificate(slurm: Path) -> N
             with pytest.raises((OSError, TypeError, ValueError)):
                 Client(stranger, timeout=3, set_as_default=False)
     assert not certificates.exists()
+    (job,) = (slurm / "sbatch.jobs").read_text().split()
+    # ended with the command
+    assert wait_for(lambda: not Path(f"/proc/{job}").exists() or "Z" in state_of(job), 60)
 
 
 @pytest.mark.slow

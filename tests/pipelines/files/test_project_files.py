@@ -15,7 +15,7 @@ from pipelines.config.compose import load
 from pipelines.config.schemas import IngestConfig
 from pipelines.files.checkpoints import trained_model
 from pipelines.files.datasets import provenance
-from pipelines.files.open_source import check_stage_name, located, read_track, source_at
+from pipelines.files.open_source import check_stage_name, located, read_track
 from pipelines.files.project import check_dataset_name, dataset_path, newest_dataset, newest_recording
 from pipelines.files.resume import STATE, Unfinished
 from pipelines.tracking.runs import RunRecord
@@ -47,35 +47,18 @@ def test_the_newest_is_the_one_written_last_and_nothing_that_is_being_written(tm
             find(tmp_path / "empty")
 
 
-def test_a_key_names_a_file_or_the_folder_that_synthesize_wrote(tmp_path: Path) -> None:
-    tosses = made(tmp_path / "made" / "tosses.h5", 1)
-    assert dataset_path(tosses) == dataset_path(tmp_path / "made") == tosses
+def test_keys_name_files_and_folders_of_their_kind(project: Path) -> None:
+    tosses = made(project / "made" / "tosses.h5", 1)
+    assert dataset_path(tosses) == dataset_path(project / "made") == tosses
     with pytest.raises(FileError, match="no such dataset"):
-        dataset_path(tmp_path / "other.h5")
-
-
-@pytest.mark.parametrize(("check", "suffix"), [(check_dataset_name, ".h5"), (check_stage_name, ".npz")])
-def test_a_file_to_write_has_the_suffix_of_its_kind(check: object, suffix: str) -> None:
-    assert callable(check)
-    assert check("out", Path(f"a{suffix}")) == Path(f"a{suffix}")
-    with pytest.raises(ConfigError, match=rf"does not end in {suffix}.*'a{suffix}'"):
-        check("out", Path("a.txt"))
-
-
-def test_a_source_without_a_path_is_the_newest_recording(project: Path) -> None:
+        dataset_path(project / "other.h5")
+    for check, suffix in ((check_dataset_name, ".h5"), (check_stage_name, ".npz")):
+        assert check("out", Path(f"a{suffix}")) == Path(f"a{suffix}")
+        with pytest.raises(ConfigError, match=rf"does not end in {suffix}.*'a{suffix}'"):
+            check("out", Path("a.txt"))
     made(project / "data" / "raw" / "mine" / "cameras.yaml", 1)
     assert located(FramesSource()).path == Path("data/raw/mine")
     assert located(FramesSource(path=Path("other"))).path == Path("other")
-
-
-@pytest.mark.parametrize(
-    ("inside", "name"),
-    [("frames/cam0/1.jpg", "frames"), ("cam0.mp4", "video"), ("film.bag", "rosbag"), ("notes", "frames")],
-)
-def test_a_recordings_format_is_known_by_its_files(tmp_path: Path, inside: str, name: str) -> None:
-    made(tmp_path / inside, 1)
-    found = source_at(tmp_path)
-    assert (found.name, found.path) == (name, tmp_path)
 
 
 def test_a_stage_takes_the_one_track(tmp_path: Path) -> None:
@@ -111,7 +94,7 @@ def test_a_run_without_a_model_is_named(tmp_path: Path) -> None:
         trained_model(RunRecord("0123", "cn-g9.81", tmp_path, path))
 
 
-def test_an_unfinished_training_comes_back_until_it_is_cleared(tmp_path: Path) -> None:
+def test_an_unfinished_training_comes_back_until_it_is_cleared_and_a_damaged_one_is_named(tmp_path: Path) -> None:
     kept, again = (Unfinished(tmp_path / "under_way", code="a") for _ in range(2))
     assert (kept.run(), kept.state(), kept.of_other_code()) == (None, None, False)
     kept.begin("0123")
@@ -120,18 +103,12 @@ def test_an_unfinished_training_comes_back_until_it_is_cleared(tmp_path: Path) -
     assert found is not None
     assert (again.run(), found["weights"].tolist(), again.of_other_code()) == ("0123", [0, 1, 2], False)
     assert Unfinished(kept.folder, code="b").of_other_code()
-    (kept.folder / "run.json").write_text('{"run": "0123"}')  # of a version that did not note its code
-    assert kept.of_other_code()
+    (kept.folder / STATE).write_bytes(b"half")
+    with pytest.raises(FileError, match="restart=true starts anew"):
+        kept.state()
+    torch.save({"schema": "another"}, kept.folder / STATE)
+    with pytest.raises(FileError, match="not a training's state of schema"):
+        kept.state()
     again.clear()
     assert kept.state() is None
     assert not kept.folder.exists()
-
-
-def test_a_damaged_state_is_named_with_the_way_out(tmp_path: Path) -> None:
-    kept = Unfinished(tmp_path, code="a")
-    (tmp_path / STATE).write_bytes(b"half")
-    with pytest.raises(FileError, match="restart=true starts anew"):
-        kept.state()
-    torch.save({"schema": "another"}, tmp_path / STATE)
-    with pytest.raises(FileError, match="not a training's state of schema"):
-        kept.state()

@@ -16,9 +16,8 @@ from pipelines.cli import app
 from pipelines.tracking import mlflow_store
 from pipelines.tracking.mlflow_store import _making, client, experiment_id, is_remote
 from pipelines.tracking.run import tracked_run
-from tests.pipelines.conftest import one_line
-from tests.pipelines.served import free_port
-from tests.pipelines.stored import stored_run
+from tests.pipelines.conftest import one_line, stored_run
+from tests.pipelines.processes import free_port
 
 
 def journal_of(database: Path) -> str:

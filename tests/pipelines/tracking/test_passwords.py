@@ -10,9 +10,8 @@ from pathlib import Path
 import pytest
 
 from pipelines.tracking.addresses import redacted, without_password
-from tests.pipelines.cluster import wait_for
 from tests.pipelines.disturbed import COMMANDS
-from tests.pipelines.served import Server
+from tests.pipelines.processes import Server, wait_for
 
 
 @pytest.mark.parametrize(

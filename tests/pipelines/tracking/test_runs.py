@@ -17,8 +17,7 @@ import pytest
 from pipelines.tracking.mlflow_store import client
 from pipelines.tracking.run import tracked_run
 from pipelines.tracking.runs import CHECKPOINT, EXPERIMENT, RUN, TRAININGS, find_run, find_runs
-from tests.pipelines.conftest import one_line
-from tests.pipelines.stored import metric_history, stored_run
+from tests.pipelines.conftest import metric_history, one_line, stored_run
 from tossid.errors import FileError, InputError
 from tossid.yaml_files import read_yaml
 

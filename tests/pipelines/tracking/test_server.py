@@ -15,10 +15,8 @@ from mlflow import MlflowClient
 from pipelines.tracking import run as run_module
 from pipelines.tracking.mlflow_store import client
 from pipelines.tracking.runs import find_run
-from tests.pipelines.cluster import wait_for
-from tests.pipelines.conftest import one_line
-from tests.pipelines.served import Server, address, postgres
-from tests.pipelines.stored import metric_history, stored_run
+from tests.pipelines.conftest import metric_history, one_line, stored_run
+from tests.pipelines.processes import Server, address, postgres, wait_for
 
 LOGGING = """
 import sys, time

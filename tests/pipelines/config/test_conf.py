@@ -1,4 +1,4 @@
-"""`conf/` holds what differs from the defaults of the library and of the schemas, and no default twice."""
+"""`conf/` holds what differs from the defaults of the library and of the schemas, and members are found in it."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ import pytest
 import yaml
 
 from pipelines.config.compose import flatten, load
-from pipelines.config.keys import Group, Key, keys_of
-from pipelines.config.places import CONF
-from pipelines.config.schemas import COMMANDS
+from pipelines.config.keys import Group, Key, group_members, keys_of
+from pipelines.config.places import CONF, SAMPLE, folders
+from pipelines.config.schemas import COMMANDS, IngestConfig
+from pipelines.config.schemas.ingestion import _sources
 from tossid.errors import ConfigError
 from tossid.settings.kinds import to_plain
+from tossid.vision.recordings.registry import input_formats
 
 NAMED = ("object", "sweep")
 """Groups whose files are whole: objects and studies as people write their own."""
@@ -55,3 +57,23 @@ def test_every_key_is_documented_and_what_nothing_sets_has_its_default(command: 
         if isinstance(key, Key) and key.name not in written:
             default = to_plain(key.default)
             assert found[key.name] == default, key.name
+
+
+def test_values_ship_and_the_working_folder_adds_members(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(CONF.parent)
+    assert folders() == (CONF,)  # a clone is not searched twice
+    monkeypatch.chdir(tmp_path)
+    assert folders() == (CONF,)
+    assert (SAMPLE / "cameras.yaml").is_file()
+    (tmp_path / "conf/object").mkdir(parents=True)
+    (tmp_path / "conf/object/brick.yaml").write_text("name: brick\n")
+    assert folders() == (CONF, tmp_path / "conf")
+    assert {"brick", "cube"} <= set(group_members("object"))
+
+
+def test_every_registered_format_can_be_a_source() -> None:
+    assert {settings.name for settings in _sources()} == set(input_formats()) >= set(group_members("source"))
+    for name, entry in input_formats().items():
+        if name in group_members("source"):
+            source = load("ingest", IngestConfig, [f"source={name}", "source.path=x"]).source
+            assert source == entry.settings(path=Path("x"))

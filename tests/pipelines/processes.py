@@ -1,4 +1,4 @@
-"""PostgreSQL and an MLflow server as processes of their own, on loopback, in a folder that the test throws away."""
+"""PostgreSQL, an MLflow server, and Dask with its workers, as processes on loopback that a test throws away."""
 
 from __future__ import annotations
 
@@ -9,15 +9,70 @@ import socket
 import subprocess
 import sys
 import tempfile
+import time
 import urllib.request
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.pipelines.cluster import wait_for
+PORT = 18786
+QUIET = ["--no-dashboard", "--dashboard-address", "127.0.0.1:0"]
+
+
+def write_certificate(folder: Path) -> list[str]:
+    """Write a certificate that is its own authority; returns the options of Dask's programs that name it."""
+    from distributed.security import Security
+
+    folder.mkdir(mode=0o700)
+    made = Security.temporary().get_tls_config_for_role("scheduler")
+    (folder / "cert.pem").write_text(made["cert"])
+    (folder / "key.pem").write_text(made["key"])
+    cert, key = str(folder / "cert.pem"), str(folder / "key.pem")
+    return ["--tls-ca-file", cert, "--tls-cert", cert, "--tls-key", key]
+
+
+@dataclass
+class Cluster:
+    """A running scheduler.
+
+    Attributes:
+        address: Where it listens.
+        tls: Folder of the certificate that it, its workers and its clients hold.
+        workers: Their processes.
+    """
+
+    address: str
+    tls: Path
+    workers: list[subprocess.Popen[bytes]]
+
+
+@contextmanager
+def cluster(folder: Path, count: int = 2) -> Iterator[Cluster]:
+    """A scheduler and workers with one thread each. They do not begin in `folder`: only paths are shared."""
+    address = f"tls://127.0.0.1:{PORT}"
+    secure = write_certificate(folder / "tls")
+    worker = ["dask_worker", address, "--nthreads", "1", "--no-nanny", "--local-directory", str(folder)]
+    with ExitStack() as ends, (folder / "cluster.log").open("ab") as log:
+        begun = []
+        for program in (["dask_scheduler", "--host", "127.0.0.1", "--port", str(PORT)], *[worker] * count):
+            words = [sys.executable, "-m", f"distributed.cli.{program[0]}", *program[1:], *QUIET, *secure]
+            begun.append(ends.enter_context(subprocess.Popen(words, cwd=folder, stdout=subprocess.DEVNULL, stderr=log)))
+            ends.callback(begun[-1].kill)
+        yield Cluster(address, folder / "tls", begun[1:])
+
+
+def wait_for(condition: Callable[[], object], seconds: float) -> bool:
+    """Whether it comes true in time."""
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        if condition():
+            return True
+        time.sleep(0.02)
+    return False
 
 
 def free_port() -> int:
