@@ -62,25 +62,6 @@ def test_kinematics_mass_and_accelerations_are_mujocos(seed: int) -> None:
             np.testing.assert_allclose(batch.X[k, b], own, rtol=0, atol=1e-9)
 
 
-def test_what_remains_at_constant_velocities_is_a_derivative_along_the_motion() -> None:
-    """At dv/dt = 0: v is constant in the world for the base's origin, in the base's axes for its spin."""
-    rng = np.random.default_rng(0)
-    model = random_tree(rng, n_bodies=3)
-    (q, v), system, h = states(rng, model, 4), make_system(model), 1e-5
-
-    def after(h: float):  # type: ignore[no-untyped-def]
-        spun = np.array([quat_mul(a, quat_exp(h * w)) for a, w in zip(q[:, 3:7], v[:, 3:6], strict=True)])
-        return tree_batch(system, np.concatenate([q[:, :3] + h * v[:, :3], spun, q[:, 7:] + h * v[:, 6:]], axis=1), v)
-
-    now, ahead, behind = after(0.0), after(h), after(-h)
-    np.testing.assert_allclose(np.einsum("bnij,bj->bni", now.X[:, :, :3], v), now.omega, atol=1e-12)
-    back = np.swapaxes(now.R, -1, -2)
-    world = np.einsum("bnij,bnj->bni", ahead.R, ahead.omega) - np.einsum("bnij,bnj->bni", behind.R, behind.omega)
-    np.testing.assert_allclose(np.einsum("bnij,bnj->bni", back, world / (2 * h)), now.alpha, atol=1e-5)
-    second = (ahead.x - 2 * now.x + behind.x) / h**2
-    np.testing.assert_allclose(np.einsum("bnij,bnj->bni", back, second), now.xdd, atol=1e-3)
-
-
 # ---------------------------------------------------------------- what the time step asks of an object
 
 
@@ -144,10 +125,6 @@ def contact_jacobian(system: System, q: np.ndarray, v: np.ndarray) -> np.ndarray
     angular, linear = batch.X[0, body, :3], batch.X[0, body, 3:]
     across = np.cross(angular.swapaxes(1, 2), system.corner_pos[:, None]).swapaxes(1, 2)
     return np.asarray((batch.R[0, body] @ (linear + across))[:, [2, 0, 1]].reshape(-1, system.nv))
-
-
-def test_a_tree_is_no_single_body() -> None:
-    assert make_body(make_system(random_tree(np.random.default_rng(0), n_bodies=2))) is None
 
 
 @kernel(keep=False)

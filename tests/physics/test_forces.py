@@ -1,4 +1,4 @@
-"""Forces of the state in the time step, against the equations of motion."""
+"""Forces of the state: in the time step as their equations of motion say, and as MuJoCo is given them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from scipy.integrate import solve_ivp
 
 from tests.physics.worlds import DT, run
 from tossid.objects import ObjectModel
-from tossid.physics.effects import Forces, Law, World
+from tossid.physics import simulate
+from tossid.physics.effects import Forces, World
+from tossid.physics.effects.wrenches import acceleration_of_forces
 from tossid.physics.forces import DRAG, MAGNUS, SPIN, SPRING, TURNING, VORTEX, wrench
 from tossid.rotations import quat_rotate
 
@@ -79,86 +81,6 @@ def derivative(forces: Forces, mass: float, inertia: Array, y: Array) -> Array:
     return np.concatenate([u, rate, force / mass - [0, 0, 9.81], spin])
 
 
-@pytest.mark.parametrize("name", [*FLIGHTS, *POWERED])
-def test_the_wrench_of_a_state_is_that_of_the_equations_of_motion(cube: ObjectModel, name: str) -> None:
-    forces, mass, inertia, y = (FLIGHTS | POWERED)[name], float(cube.mass[0]), cube.inertia[0], np.array(START + SPEED)
-    change = derivative(forces, mass, inertia, y) - derivative(Forces(), mass, inertia, y)
-    force, torque = wrench(forces, mass, y[None, :3], y[None, 7:10], y[None, 10:])
-    np.testing.assert_allclose(force[0], mass * change[7:10], atol=1e-12)
-    np.testing.assert_allclose(torque[0], inertia @ change[10:], atol=1e-12)
-
-
-def test_a_power_of_no_state_is_finite() -> None:
-    still, forces = np.zeros((1, 3)), Forces(spring=1.0, powered=SPRING, power=-2.0)
-    assert np.isfinite(wrench(forces, 1.0, still, still, still)[0]).all()
-
-
-@pytest.mark.parametrize("name", FLIGHTS)
-def test_flight_follows_the_equations_of_motion(cube: ObjectModel, name: str) -> None:
-    forces = FLIGHTS[name]
-    exact = solve_ivp(
-        lambda t, y: derivative(forces, float(cube.mass[0]), cube.inertia[0], y),
-        (0.0, 0.5),
-        START + SPEED,
-        rtol=1e-11,
-        atol=1e-12,
-    ).y[:, -1]
-    none = solve_ivp(
-        lambda t, y: derivative(Forces(), float(cube.mass[0]), cube.inertia[0], y),
-        (0.0, 0.5),
-        START + SPEED,
-        rtol=1e-11,
-        atol=1e-12,
-    ).y[:, -1]
-    errors = []
-    for substeps in (1, 8):
-        done = run(World(cube, forces=forces), START, SPEED, seconds=0.5, substeps=substeps, dt=0.01)
-        state = np.concatenate([done.q[0, -1], done.v[0, -1]])
-        state[3:7] *= np.sign(state[3:7] @ exact[3:7])
-        errors.append(np.abs(state - exact).max())
-    change = np.abs(exact - none).max()
-    assert change > 0.01
-    assert errors[1] < 1e-4 * change
-    # second order: an eighth of the step, a sixty-fourth of the error (or rounding)
-    assert errors[1] < max(errors[0] / 40, 1e-9)
-
-
-@pytest.mark.parametrize("name", POWERED)
-def test_a_force_may_grow_with_another_power(cube: ObjectModel, name: str) -> None:
-    forces = POWERED[name]
-    ends = []
-    for each in (forces, forces._replace(power=0.0)):
-        right = partial(derivative, each, float(cube.mass[0]), cube.inertia[0])
-        ends.append(solve_ivp(lambda t, y, f=right: f(y), (0.0, 0.5), START + SPEED, rtol=1e-11, atol=1e-12).y[:, -1])
-    done = run(World(cube, forces=forces), START, SPEED, seconds=0.5, substeps=8, dt=0.01)
-    state = np.concatenate([done.q[0, -1], done.v[0, -1]])
-    state[3:7] *= np.sign(state[3:7] @ ends[0][3:7])
-    assert np.abs(ends[0] - ends[1]).max() > 0.01
-    assert np.abs(state - ends[0]).max() < 1e-2 * np.abs(ends[0] - ends[1]).max()
-
-
-def test_forces_act_at_the_centre_of_mass(cube: ObjectModel) -> None:
-    """A body whose centre is off: the centre follows the equations, whatever the origin does."""
-    forces = Forces(linear=0.1, magnus=0.02, x=0.5, spring=5.0, vortex=1.0)
-    com = np.array([[0.01, -0.02, 0.015]])
-    body = cube.with_changes(com=com)
-    done = run(World(body, forces=forces), START, SPEED, seconds=0.4, substeps=200)
-    seconds = round(0.4 / DT) * DT
-    omega = np.array(SPEED[3:])
-    begin = np.concatenate(
-        [np.array(START[:3]) + com[0], START[3:], np.array(SPEED[:3]) + np.cross(omega, com[0]), omega]
-    )
-    exact = solve_ivp(
-        lambda t, y: derivative(forces, float(body.mass[0]), body.inertia[0], y),
-        (0.0, seconds),
-        begin,
-        rtol=1e-10,
-        atol=1e-12,
-    ).y[:, -1]
-    centre = done.q[0, -1, :3] + quat_rotate(done.q[0, -1, 3:], com[0])
-    np.testing.assert_allclose(centre, exact[:3], atol=2e-5)
-
-
 @pytest.mark.parametrize("size", [1.0, 30.0, 1e4])
 def test_drag_stays_stable_however_large(cube: ObjectModel, size: float) -> None:
     world = World(cube, forces=Forces(linear=size, quadratic=size, spin=size))
@@ -179,8 +101,74 @@ def test_a_spring_keeps_its_energy(cube: ObjectModel) -> None:
     assert np.ptp(energy) < 2e-3 * energy[0]
 
 
-def test_nominal_forces_and_law_are_nothing() -> None:
-    assert not Forces(wind_x=3.0, center_z=1.0).acts
-    assert not Law(slip_speed=0.3).acts
-    assert all(Forces()._replace(**{name: 0.1}).acts for name in ("linear", "spin", "z", "spring", "turning"))
-    assert all(Law()._replace(**{name: 0.1}).acts for name in ("static_rel", "y_rel", "torsional", "adhesion"))
+@pytest.mark.parametrize("name", [*FLIGHTS, *POWERED])
+def test_the_wrench_of_a_state_is_that_of_the_equations_of_motion(cube: ObjectModel, name: str) -> None:
+    forces, mass, inertia, y = (FLIGHTS | POWERED)[name], float(cube.mass[0]), cube.inertia[0], np.array(START + SPEED)
+    change = derivative(forces, mass, inertia, y) - derivative(Forces(), mass, inertia, y)
+    force, torque = wrench(forces, mass, y[None, :3], y[None, 7:10], y[None, 10:])
+    np.testing.assert_allclose(force[0], mass * change[7:10], atol=1e-12)
+    np.testing.assert_allclose(torque[0], inertia @ change[10:], atol=1e-12)
+
+
+def test_a_power_of_no_state_is_finite() -> None:
+    still, forces = np.zeros((1, 3)), Forces(spring=1.0, powered=SPRING, power=-2.0)
+    assert np.isfinite(wrench(forces, 1.0, still, still, still)[0]).all()
+
+
+def after(forces: Forces, model: ObjectModel, start: Array, seconds: float) -> Array:
+    """The exact state (13,), its origin the centre of mass."""
+    right = partial(derivative, forces, float(model.mass[0]), model.inertia[0])
+    run = solve_ivp(lambda t, y: right(y), (0.0, seconds), start, rtol=1e-11, atol=1e-12)
+    return np.asarray(run.y[:, -1])
+
+
+@pytest.mark.parametrize("name", FLIGHTS)
+def test_flight_follows_the_equations_of_motion(cube: ObjectModel, name: str) -> None:
+    forces, start = FLIGHTS[name], np.array(START + SPEED)
+    exact, none = (after(each, cube, start, 0.5) for each in (forces, Forces()))
+    errors = []
+    for substeps in (1, 8):
+        done = run(World(cube, forces=forces), START, SPEED, seconds=0.5, substeps=substeps, dt=0.01)
+        state = np.concatenate([done.q[0, -1], done.v[0, -1]])
+        state[3:7] *= np.sign(state[3:7] @ exact[3:7])
+        errors.append(np.abs(state - exact).max())
+    change = np.abs(exact - none).max()
+    assert change > 0.01
+    assert errors[1] < 1e-4 * change
+    # second order: an eighth of the step, a sixty-fourth of the error (or rounding)
+    assert errors[1] < max(errors[0] / 40, 1e-9)
+
+
+@pytest.mark.parametrize("name", POWERED)
+def test_a_force_may_grow_with_another_power(cube: ObjectModel, name: str) -> None:
+    forces, start = POWERED[name], np.array(START + SPEED)
+    exact, linear = (after(each, cube, start, 0.5) for each in (forces, forces._replace(power=0.0)))
+    done = run(World(cube, forces=forces), START, SPEED, seconds=0.5, substeps=8, dt=0.01)
+    state = np.concatenate([done.q[0, -1], done.v[0, -1]])
+    state[3:7] *= np.sign(state[3:7] @ exact[3:7])
+    assert np.abs(exact - linear).max() > 0.01
+    assert np.abs(state - exact).max() < 1e-2 * np.abs(exact - linear).max()
+
+
+def test_forces_act_at_the_centre_of_mass(cube: ObjectModel) -> None:
+    """A body whose centre is off: the centre follows the equations, whatever the origin does."""
+    forces = Forces(linear=0.1, magnus=0.02, x=0.5, spring=5.0, vortex=1.0)
+    com, start = np.array([0.01, -0.02, 0.015]), np.array(START + SPEED)
+    body = cube.with_changes(com=com[None])
+    done = run(World(body, forces=forces), START, SPEED, seconds=0.4, substeps=200)
+    start[:3] += com
+    start[7:10] += np.cross(start[10:], com)
+    centre = done.q[0, -1, :3] + quat_rotate(done.q[0, -1, 3:], com)
+    np.testing.assert_allclose(centre, after(forces, body, start, round(0.4 / DT) * DT)[:3], atol=2e-5)
+
+
+@pytest.mark.parametrize("forces", [FLIGHTS["all"], *POWERED.values()], ids=["all", *POWERED])
+def test_a_step_s_accelerations_are_those_that_mujoco_is_given(cube: ObjectModel, forces: Forces) -> None:
+    """Of a single step so short that nothing else happens in it."""
+    rng, h = np.random.default_rng(0), 1e-6
+    p, u, omega = rng.normal([0.0, 0.0, 10.0], size=(20, 3)), 2 * rng.normal(size=(20, 3)), 8 * rng.normal(size=(20, 3))
+    q, v = np.concatenate([p, np.tile([1.0, 0, 0, 0], (20, 1))], axis=1), np.concatenate([u, omega], axis=1)
+    world = World(cube, forces=forces)
+    change = (simulate(world.system(), q, v, n_steps=1, dt=h).v[:, 1] - v) / h
+    given = acceleration_of_forces(world, q, v)
+    np.testing.assert_allclose(change, given, atol=1e-4 * np.abs(given).max() + 1e-6)

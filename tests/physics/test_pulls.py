@@ -46,15 +46,6 @@ def test_drag_by_mass_slows_the_common_centre_of_mass_as_one(elbow: ObjectModel)
         np.testing.assert_allclose(after, decay * before, atol=2e-3 * np.linalg.norm(before))
 
 
-def test_a_uniform_force_is_gravity_s_like(elbow: ObjectModel) -> None:
-    q, v = flying(elbow)
-    weight = float(elbow.mass.sum())
-    pulled = World(elbow, forces=Forces(z=2.0 * weight))
-    light = World(elbow, gravity=7.81)
-    runs = [simulate(w.system(), q, v, n_steps=30, dt=DT, substeps=2).q for w in (pulled, light)]
-    np.testing.assert_allclose(*runs, atol=1e-9)
-
-
 @pytest.mark.parametrize(
     "law",
     [

@@ -134,13 +134,6 @@ def test_several_forces_add_up() -> None:
     np.testing.assert_array_equal(wrenches_of(NoForce(), *states), 0.0)
 
 
-def test_a_world_knows_its_forces(cube: ObjectModel) -> None:
-    world = World(cube).with_force(Lift(0.5))
-    assert world.has_forces
-    assert not world.same_everywhere
-    assert world.with_force(STRONG).with_force(Lift(0.7)).registered == (STRONG, Lift(0.7))
-
-
 class Unknown(NamedTuple):
     x: float
 

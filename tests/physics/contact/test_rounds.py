@@ -1,4 +1,4 @@
-"""Round corners in the simulator: conserved quantities, and MuJoCo."""
+"""The law of one corner, in its limits; round corners by conserved quantities and beside MuJoCo."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from tests.objects.test_roundness import geom
 from tests.physics.worlds import energy
 from tossid.objects import corner_positions
 from tossid.physics import make_system, simulate
+
+# ---------------------------------------------------------------- round corners
+
 
 DT = 1 / 148
 

@@ -1,20 +1,16 @@
-"""Effects of contact: what Coulomb and his successors predict by hand."""
+"""Effects of contact, of the body and of the ground: what Coulomb and his successors predict by hand."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from tests.physics.worlds import DT, HALF, flat, run, slide
-from tossid.errors import InputError
 from tossid.objects import ObjectModel
-from tossid.physics import PolyhedralCone, simulate
-from tossid.physics.effects import Forces, Law, World, effect_named
+from tossid.physics import simulate
+from tossid.physics.effects import Forces, Law, World, effect_named, effects_for
 from tossid.rotations import quat_exp, quat_rotate
-
-Array = NDArray[np.float64]
 
 
 def test_friction_follows_the_speed_of_sliding(cube: ObjectModel) -> None:
@@ -106,8 +102,75 @@ def test_adhesion_adds_to_friction(cube: ObjectModel) -> None:
         assert (done.q[0, -1, 0] > 0.5 * way) == moves
 
 
-def test_the_relaxed_law_and_the_polyhedral_cone_are_two_laws(cube: ObjectModel) -> None:
-    q, v = np.array([[0, 0, 0.3, 1, 0, 0, 0]]), np.zeros((1, 6))
-    simulate(World(cube, law=Law(rolling=0.1)).system(), q, v, n_steps=2, dt=DT, solver=PolyhedralCone(8))
-    with pytest.raises(InputError, match="lifting"):
-        simulate(World(cube, law=Law(lifting=1e-3)).system(), q, v, n_steps=2, dt=DT, solver=PolyhedralCone(8))
+# ---------------------------------------------------------------- the body and the ground
+
+
+def test_a_cube_whose_corners_are_one_ball_rolls_as_a_ball(cube: ObjectModel) -> None:
+    """Down a slope b without slipping: a = g sin(b) / (1 + I / (m r²))."""
+    slope, m, inertia = 0.05, float(cube.mass[0]), float(cube.inertia[0, 1, 1])
+    ball = cube.with_changes(corner_pos=HALF * np.sign(cube.corner_pos), friction=1.0)
+    world = World(ball, ground_tilt=(0.0, slope), law=Law(rounding=HALF))
+    done = run(world, flat(), [0.0] * 6, seconds=44 * DT)
+    expected = 9.81 * np.sin(slope) / (1 + inertia / (m * HALF**2))
+    assert done.v[0, -1, 0] / (44 * DT) == pytest.approx(expected, rel=1e-3)
+    assert done.v[0, -1, 4] * HALF == pytest.approx(done.v[0, -1, 0], rel=1e-6)
+    np.testing.assert_allclose(done.q[0, :, 2], HALF, atol=1e-6)
+
+
+def test_an_edge_with_rounded_corners_stands_lower(cube: ObjectModel) -> None:
+    """Balanced on an edge, the centre is at sqrt(2) (a - r) + r; on a face it is at a."""
+    radius, turned = 0.006, np.array([np.cos(np.pi / 8), np.sin(np.pi / 8), 0.0, 0.0])
+    height = np.sqrt(2) * (HALF - radius) + radius
+    world = World(cube, law=Law(rounding=radius))
+    on_edge = run(world, np.concatenate([[0, 0, height], turned]), [0.0] * 6, seconds=0.05)
+    np.testing.assert_allclose(on_edge.q[0, :, 2], height, atol=1e-5)
+    on_face = run(world, flat(), [0.0] * 6, seconds=0.05)
+    np.testing.assert_allclose(on_face.q[0, :, 2], HALF, atol=1e-7)
+
+
+def test_the_inertia_of_links_may_be_of_another_shape(cube: ObjectModel, elbow: ObjectModel) -> None:
+    of_links, of_a_body = ({e.name: e for e in effects_for(model)}["inertia"] for model in (elbow, cube))
+    world = World(elbow)
+    same = of_links.at(world, of_links.nominal(world))
+    np.testing.assert_allclose(same.object.inertia, elbow.inertia, rtol=1e-12)
+    larger = of_links.at(world, np.array([1.3, 1.0, 1.0])).object.inertia
+    np.testing.assert_allclose(larger, of_a_body.at(world, np.array([1.3])).object.inertia, rtol=1e-12)
+
+    # a solid box of 1, 2, 3 becomes one of 1, 4, 1.5
+    box = 0.1 * np.array([1.0, 4.0, 9.0]) / 12
+    moments = np.diag(box.sum() - box)
+    boxes = World(elbow.with_changes(inertia=np.tile(moments, (2, 1, 1))))
+    found = of_links.at(boxes, np.array([1.0, 4.0, 0.25])).object.inertia
+    other = 0.1 * np.array([1.0, 16.0, 2.25]) / 12
+    np.testing.assert_allclose(found, np.tile(np.diag(other.sum() - other), (2, 1, 1)), atol=1e-15)
+    for least in ([5.0, 0.05, 0.05], [0.2, 10.0, 0.05], [1.0, 10.0, 10.0]):
+        a, b, c = np.linalg.eigvalsh(of_links.at(world, np.array(least)).object.inertia[1])
+        assert 0 < a <= b <= c < a + b
+
+
+@pytest.mark.parametrize(("angle", "moves"), [(0.165, False), (0.195, True)])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_block_slides_on_a_slope_steeper_than_its_friction(
+    cube: ObjectModel, angle: float, moves: bool, axis: int
+) -> None:
+    """mu = 0.18. The cube is put flat on the tilted ground, and seen in the true, level world."""
+    tilt = (angle, 0.0) if axis == 0 else (0.0, angle)
+    turn = quat_exp(np.array([*tilt, 0.0]))
+    q = np.concatenate([quat_rotate(turn, np.array([0, 0, HALF])), turn])
+    world = World(cube, ground_tilt=tilt)
+    seen = world.roll_out(q[None], np.zeros((1, 6)), n_steps=60, dt=DT, substeps=2)[0]
+    moved = seen[-1, :3] - seen[0, :3]
+    if not moves:
+        assert np.abs(moved).max() < 1e-6
+        return
+    # it goes down, in the direction of the slope: a turn about +x lowers -y, about +y lowers +x
+    way = 0.5 * 9.81 * (np.sin(angle) - 0.18 * np.cos(angle)) * (60 * DT) ** 2
+    down = np.array([0, -np.cos(angle), -np.sin(angle)] if axis == 0 else [np.cos(angle), 0, -np.sin(angle)])
+    np.testing.assert_allclose(moved, way * down, atol=0.03 * way)
+
+
+@pytest.mark.parametrize("height", [-0.02, 0.03])
+def test_the_ground_lies_at_its_height(cube: ObjectModel, height: float) -> None:
+    q = np.array([[0.0, 0, HALF + height + 0.05, 1, 0, 0, 0]])
+    seen = World(cube, ground_height=height).roll_out(q, np.zeros((1, 6)), n_steps=100, dt=DT, substeps=2)
+    np.testing.assert_allclose(seen[0, -1, 2], HALF + height, atol=1e-6)

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tests.physics.effects.toy import registered
+from tests.physics.trees import flying, jointed
 from tossid import code_digest as digests
 from tossid.audit.strengths import strengths_for
 from tossid.code_digest import code_digest
-from tossid.errors import InputError
+from tossid.errors import InputError, ObjectError
 from tossid.objects import ObjectModel
 from tossid.physics.effects import (
     BUILT_IN,
     JOINT_EFFECTS,
     LIBRARY,
     Effect,
-    Forces,
     InMujoco,
-    Law,
     NotExpressible,
     Strength,
     World,
@@ -30,30 +29,9 @@ from tossid.physics.effects import (
     register_effect,
     unregister_effect,
 )
-from tossid.physics.effects.changes import sets_forces, sets_law, with_object
-from tossid.physics.effects.strength import between, directed, plain, scaled, signed
 from tossid.physics.forces import PoweredForce
 
 FRICTION = effect_named("friction")
-DRAWS = np.linspace(-0.9, 0.7, 8)
-"""Of an audit."""
-
-
-@pytest.mark.parametrize("field", ["mujoco", "mjcf", "strength"])
-def test_an_effect_without_a_form_or_the_reason_is_refused(field: str) -> None:
-    with pytest.raises(InputError, match=f"effect 'friction' states no {field}"):
-        replace(FRICTION, **{field: None})
-    given = {each.name: getattr(FRICTION, each.name) for each in fields(FRICTION) if each.name != field}
-    with pytest.raises(TypeError, match=field):
-        Effect(**given)
-
-
-def test_a_reason_says_something_and_which_worlds_mujoco_must_refuse() -> None:
-    with pytest.raises(InputError, match="states why"):
-        NotExpressible(" ")
-    with pytest.raises(InputError, match="which worlds have it"):
-        replace(FRICTION, mujoco=NotExpressible("MuJoCo has no friction"))
-    assert replace(FRICTION, strength=NotExpressible("no audit")).name == "friction"
 
 
 @pytest.mark.parametrize("effect", BUILT_IN, ids=lambda effect: effect.name)
@@ -153,23 +131,21 @@ def test_an_effect_s_strengths_are_within_the_ranges_of_its_parameters(effect: E
                 assert known[key].low <= value <= known[key].high, (key, value)
 
 
-def test_sizes_become_parameters() -> None:
-    values = directed("x_m", "y_m", "z_m")(0.02, DRAWS)
-    assert np.linalg.norm(list(values.values())) == pytest.approx(0.02)
-    assert plain("c")(0.3, DRAWS) == {"c": 0.3}
-    assert signed("c", 9.81)(0.3, DRAWS) == {"c": pytest.approx(9.51)}
-    assert signed("c", 9.81)(0.3, -DRAWS) == {"c": pytest.approx(10.11)}
-    assert scaled("c")(0.0, DRAWS) == {"c": 1.0}
-    assert scaled("c")(np.log(2), DRAWS) == {"c": pytest.approx(0.5)}
-    assert between(1, 4, -1.0) == 1
-    assert between(1, 4, 0.0) == pytest.approx(2)
+@pytest.mark.parametrize("field", ["mujoco", "mjcf", "strength"])
+def test_an_effect_without_a_form_or_the_reason_is_refused(field: str) -> None:
+    with pytest.raises(InputError, match=f"effect 'friction' states no {field}"):
+        replace(FRICTION, **{field: None})
+    with pytest.raises(InputError, match="states why"):
+        NotExpressible(" ")
+    with pytest.raises(InputError, match="which worlds have it"):
+        replace(FRICTION, mujoco=NotExpressible("MuJoCo has no friction"))
 
 
-def test_a_change_sets_what_it_names_and_nothing_else(cube: ObjectModel) -> None:
-    world = World(cube, forces=Forces(z=1.0), law=Law(rolling=0.1))
-    changed = sets_forces(linear="c", x="f")(world, {"c": 0.2, "f": -0.3})
-    assert changed == world.with_changes(forces=Forces(linear=0.2, x=-0.3, z=1.0))
-    changed = sets_law(torsional="radius")(world, {"radius": 0.02})
-    assert changed == world.with_changes(law=Law(torsional=0.02, rolling=0.1))
-    other = with_object(world, friction=0.4)
-    assert (other.object.friction, other.forces, cube.friction) == (0.4, world.forces, 0.18)
+def test_effects_of_joints_are_nothing_at_their_nominal_values(elbow: ObjectModel) -> None:
+    world, (q, v) = World(jointed(elbow, damping=1e-3)), flying(elbow)
+    nominal = world.roll_out(q, v, n_steps=10, dt=1 / 148, substeps=2)
+    for effect in JOINT_EFFECTS:
+        same = effect.at(world, effect.nominal(world))
+        np.testing.assert_array_equal(same.roll_out(q, v, n_steps=10, dt=1 / 148, substeps=2), nominal)
+    with pytest.raises(ObjectError, match="damping of a joint is -1"):
+        jointed(elbow, damping=-1.0)

@@ -14,14 +14,7 @@ ACCEPTED_KKT_ERROR = 1e-8
 
 
 def contact_scale(A: Array) -> Array:
-    """a_i = trace(A_ii) / 3 [1/kg] of each contact, at least 1e-12 of the largest.
-
-    Args:
-        A: (*b, 3 n, 3 n).
-
-    Returns:
-        (*b, n).
-    """
+    """a_i = trace(A_ii) / 3 [1/kg] of each contact, at least 1e-12 of the largest."""
     diagonal = np.diagonal(A, axis1=-2, axis2=-1)
     n = diagonal.shape[-1] // 3
     scale = (diagonal[..., :n] + diagonal[..., n::2] + diagonal[..., n + 1 :: 2]) / 3
@@ -36,15 +29,7 @@ def by_contact(x: Array) -> Array:
 
 
 def project_cone(x: Array, mu: Array) -> Array:
-    """Nearest point of the cone |x_t| <= mu x_n, Euclidean.
-
-    Args:
-        x: (*b, 3) normal first.
-        mu: (*b) at least 0.
-
-    Returns:
-        (*b, 3).
-    """
+    """Nearest point of the cone |x_t| <= mu x_n, Euclidean."""
     normal, tangent = x[..., 0], np.hypot(x[..., 1], x[..., 2])
     surface = np.maximum((normal + mu * tangent) / (1 + mu * mu), 0.0)
     inside = (normal >= 0) & (tangent <= mu * normal)
@@ -57,15 +42,6 @@ def cone_qp_kkt_error(A: Array, c: Array, mu: Array, lam: Array) -> Array:
     """The cone programme's natural map: the largest a_i |lam_i - P_i(lam_i - g_i / a_i)|, g = A lam + c.
 
     P_i is the projection on contact i's cone.
-
-    Args:
-        A: (*b, 3 n, 3 n).
-        c: (*b, 3 n).
-        mu: (*b, n).
-        lam: (*b, 3 n).
-
-    Returns:
-        (*b) in the unit of c.
     """
     g, scale, impulse = by_contact(_velocity(A, c, lam)), contact_scale(A)[..., None], by_contact(lam)
     step = scale * (impulse - project_cone(impulse - g / scale, mu))
@@ -77,15 +53,6 @@ def cone_kkt_error(A: Array, b: Array, mu: Array, lam: Array) -> Array:
 
     The largest over contacts of |a lam_n - max(0, a lam_n - w_n)| and a |lam_t - P(lam_t - w_t / a)|, w = A lam + b,
     with P the projection on the disk of radius mu max(lam_n, 0).
-
-    Args:
-        A: (*b, 3 n, 3 n) [1/kg].
-        b: (*b, 3 n) [m/s].
-        mu: (*b, n).
-        lam: (*b, 3 n) [N s].
-
-    Returns:
-        (*b) [m/s].
     """
     w, scale, impulse = by_contact(_velocity(A, b, lam)), contact_scale(A), by_contact(lam)
     reach = scale[..., None] * impulse[..., 1:] - w[..., 1:]
@@ -101,16 +68,6 @@ def polyhedral_kkt_error(A: Array, b: Array, mu: Array, lam: Array, n_directions
 
     The largest over contacts of |min(a lam_n, w_n)|, of how far lam_t is out of the polygon whose corners are
     mu lam_n d_j, and of what dissipation lacks of its maximum there, mu lam_n max_j (-d_j . w_t), over the impulse.
-
-    Args:
-        A: (*b, 3 n, 3 n) [1/kg].
-        b: (*b, 3 n) [m/s].
-        mu: (*b, n).
-        lam: (*b, 3 n) [N s].
-        n_directions: of the polygon.
-
-    Returns:
-        (*b) [m/s].
     """
     w, scale, impulse = by_contact(_velocity(A, b, lam)), contact_scale(A), by_contact(lam)
     corners, half = tangent_directions(n_directions), np.pi / n_directions
@@ -128,14 +85,7 @@ def _velocity(A: Array, b: Array, lam: Array) -> Array:
 
 
 def tangent_directions(k: int) -> Array:
-    """Unit vectors evenly around the tangent plane, the first along t1.
-
-    Args:
-        k: how many.
-
-    Returns:
-        (k, 2).
-    """
+    """Unit vectors evenly around the tangent plane, the first along t1."""
     angle = 2 * np.pi * np.arange(k) / k
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
