@@ -15,11 +15,11 @@ from pipelines.cli.console import Console
 from pipelines.cli.failures import guarded
 
 if TYPE_CHECKING:
+    from experiments.tossed_links import TossedLinks
+    from experiments.tossed_shapes import ShapeTossSettings
     from tossid.models import TrainedModel
     from tossid.objects import ObjectModel
-    from tossid.settings.synthesis import ShapeTossSettings
     from tossid.store import Dataset
-    from tossid.synthesis.linked import TossedLinks
 
 SIMULATED = (
     "model",
@@ -74,7 +74,7 @@ def main(models: list[str], recorded: Path | None, settings: ShapeTossSettings) 
 
 def parsed(arguments: list[str]) -> tuple[list[str], Path | None, ShapeTossSettings]:
     """What the command's arguments ask for, as `main` takes it."""
-    from tossid.settings.synthesis import ShapeTossSettings
+    from experiments.tossed_shapes import ShapeTossSettings
 
     default = ShapeTossSettings(mass=0.37)
     parser = argparse.ArgumentParser(prog="make links", description=__doc__)
@@ -97,9 +97,9 @@ def simulated(models: list[str], settings: ShapeTossSettings) -> Any:
         A row a model.
     """
     import tossid
+    from experiments.tossed_links import toss_links
     from tossid.settings.objects import UnknownObjectSettings
     from tossid.store.importers.tum import write_tum
-    from tossid.synthesis.linked import toss_links
 
     made, unknown = toss_links(settings), UnknownObjectSettings(links=2, mass=2 * settings.mass)
     began = time.process_time()

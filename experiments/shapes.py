@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from experiments.tossed_shapes import ShapeTossSettings
     from tossid.models import TrainedModel
     from tossid.objects import ObjectModel
-    from tossid.settings.synthesis import ShapeTossSettings
     from tossid.store import Dataset
     from tossid.types import PoseTrack
 
@@ -47,11 +47,11 @@ def main(shapes: list[str], model: str, settings: ShapeTossSettings) -> None:
     """Learn each shape from the TUM files of its tosses; print a Markdown row for each.
 
     Args:
-        shapes: Names of `tossid.synthesis.shapes.SHAPES`; none for all.
+        shapes: Names of `experiments.tossed_shapes.SHAPES`; none for all.
         model: The variant that learns.
         settings: How they are tossed.
     """
-    from tossid.synthesis.shapes import SHAPES
+    from experiments.tossed_shapes import SHAPES
 
     console = Console()
     console.say("| " + " | ".join(HEAD) + " |")
@@ -62,7 +62,7 @@ def main(shapes: list[str], model: str, settings: ShapeTossSettings) -> None:
 
 def parsed(arguments: list[str]) -> tuple[list[str], str, ShapeTossSettings]:
     """What the command's arguments ask for, as `main` takes it."""
-    from tossid.settings.synthesis import ShapeTossSettings
+    from experiments.tossed_shapes import ShapeTossSettings
 
     default = ShapeTossSettings()
     parser = argparse.ArgumentParser(prog="make shapes", description=__doc__)
@@ -101,9 +101,9 @@ def row(name: str, model: str, settings: ShapeTossSettings) -> list[str]:
     import numpy as np
 
     import tossid
+    from experiments.tossed_shapes import toss_shape
     from tossid.settings.objects import UnknownObjectSettings
     from tossid.store.importers.tum import write_tum
-    from tossid.synthesis.shapes import toss_shape
 
     made = toss_shape(name, settings)
     began = time.process_time()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from experiments.links import simulated
-from tossid.settings.synthesis import ShapeTossSettings
+from experiments.tossed_shapes import ShapeTossSettings
 
 
 @pytest.mark.slow

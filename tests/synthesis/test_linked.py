@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from experiments.tossed_links import toss_links
+from experiments.tossed_shapes import ShapeTossSettings
 from tossid.motion.hinge import find_hinge
 from tossid.objects import unstated_object
 from tossid.rotations import quat_to_matrix
-from tossid.settings.synthesis import ShapeTossSettings
-from tossid.synthesis.linked import toss_links
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "lcp"])

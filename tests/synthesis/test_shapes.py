@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from experiments.tossed_shapes import SHAPES, ShapeTossSettings, toss_shape
 from tossid.objects.roundness import directions
 from tossid.rotations import quat_to_matrix
-from tossid.settings.synthesis import ShapeTossSettings
-from tossid.synthesis.shapes import SHAPES, toss_shape
 
 
 @pytest.mark.parametrize("name", SHAPES)

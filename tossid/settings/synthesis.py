@@ -197,23 +197,3 @@ class SynthesizeSettings(Checked):
     """what is added to the states"""
     camera: CameraSettings = CameraSettings()
     """the cameras"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ShapeTossSettings(Checked):
-    """Tosses of convex shapes, from which they are learned anew (`tossid.synthesis.shapes`)."""
-
-    engine: Literal["mujoco", "lcp"] = "mujoco"
-    """mujoco; lcp: tossid's own, with rigid contact and Coulomb's friction"""
-    tosses: Count = 60
-    """how many"""
-    mass: Positive = 0.3
-    """of the object [kg]"""
-    friction: NonNegative = 0.25
-    """Coulomb's"""
-    frames: Count = 180
-    """most frames of a toss"""
-    step: Positive = 5e-5
-    """MuJoCo's time step [s], with which contact is near rigid"""
-    seed: Seed = 0
-    """of what is drawn"""

@@ -7,11 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from experiments.tossed_shapes import ShapeTossSettings, noisy, toss
 from tossid.motion.links import body_tracks
 from tossid.objects import ObjectModel, corner_positions, object_from_mjcf
 from tossid.rotations import quat_conj, quat_exp, quat_mul, quat_rotate, quat_to_matrix
-from tossid.settings.synthesis import ShapeTossSettings
-from tossid.synthesis.shapes import noisy, toss
 from tossid.types import PoseTrack
 
 Array = NDArray[np.float64]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +14,32 @@ from tossid.objects import GRAVITY, ObjectModel, object_from_mjcf
 from tossid.objects.roundness import Roundness, directions, disc
 from tossid.physics.effects import World
 from tossid.rotations import quat_exp, quat_mul, quat_to_matrix
-from tossid.settings.synthesis import LcpEngine, MujocoEngine, ShapeTossSettings
+from tossid.settings.kinds import Checked, Count, NonNegative, Positive, Seed
+from tossid.settings.synthesis import LcpEngine, MujocoEngine
 from tossid.synthesis.engines import ENGINES
 from tossid.types import PoseTrack
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShapeTossSettings(Checked):
+    """Tosses of convex shapes, from which they are learned anew."""
+
+    engine: Literal["mujoco", "lcp"] = "mujoco"
+    """mujoco; lcp: tossid's own, with rigid contact and Coulomb's friction"""
+    tosses: Count = 60
+    """how many"""
+    mass: Positive = 0.3
+    """of the object [kg]"""
+    friction: NonNegative = 0.25
+    """Coulomb's"""
+    frames: Count = 180
+    """most frames of a toss"""
+    step: Positive = 5e-5
+    """MuJoCo's time step [s], with which contact is near rigid"""
+    seed: Seed = 0
+    """of what is drawn"""
 
 
 class TossedShape(NamedTuple):
