@@ -13,7 +13,6 @@ COMPUTE = (
     "llvmlite",
     "torch",
     "mujoco",
-    "gtsam",
     "opencv-python-headless",
     "pupil-apriltags",
 )

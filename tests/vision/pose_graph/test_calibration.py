@@ -17,13 +17,13 @@ from tossid.types import Detection
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig
 from tossid.vision.pose_graph.graph import solve
-from tossid.vision.pose_graph.graph_builder import Problem
 from tossid.vision.pose_graph.initial import initialise
 from tossid.vision.pose_graph.reprojection import printed_corners
 from tossid.vision.pose_graph.scene import corner_growth, observe
 from tossid.vision.pose_graph.setup_checks import check_set_up
 from tossid.vision.pose_graph.state import given, priors
 from tossid.vision.pose_graph.track import Tracked, track_scene
+from tossid.vision.pose_graph.unknowns import Problem
 from tossid.vision.setup.layout import Body, BodyTag, Measurement, TagLayout, layout_of
 
 EVERYTHING = TrackSettings(max_sigma=np.inf, max_angle_sigma=np.inf)
