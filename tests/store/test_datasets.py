@@ -20,7 +20,6 @@ from hypothesis import strategies as st
 
 from tests.physics.trees import random_tree
 from tests.store.makers import assert_same, make_dataset, make_toss
-from tossid import outputs
 from tossid.errors import FileError, InputError, ObjectError, OutputError
 from tossid.objects import ObjectModel, Tag
 from tossid.rotations import quat_exp
@@ -183,24 +182,6 @@ def test_any_dataset_survives(
     assert_same(made, again(made, tmp_path))
 
 
-def test_bare_h5py_reads_it(dataset: Dataset, path: Path) -> None:
-    with h5py.File(path) as file:
-        assert (file.attrs["schema"], file.attrs["rate_hz"]) == (SCHEMA, 148.0)
-        assert "quaternion wxyz" in file.attrs["frames"]
-        assert file["object/mjcf"][()].tobytes().decode() == dataset.object.mjcf
-        assert not {"compliance", "relaxation", "cohesion"} & file["object"].attrs.keys()  # of rigid contact
-        toss = file["tosses/toss_0002"]
-        np.testing.assert_array_equal(toss["q"], dataset.tosses[2].q)
-        assert (toss["v"].attrs["unit"], toss.attrs["split"]) == ("m/s, rad/s, rad/s", "test")
-
-
-def test_constant_covariances_cost_little(cube: ObjectModel, tmp_path: Path) -> None:
-    toss = make_toss("long", 5000, np.random.default_rng(0))
-    constant = replace(toss, q_cov=np.tile(toss.q_cov[0], (5000, 1, 1)), v_cov=np.tile(toss.v_cov[0], (5000, 1, 1)))
-    write_dataset(replace(make_dataset(cube), tosses=(constant,)), tmp_path / "a.h5")
-    assert (tmp_path / "a.h5").stat().st_size < 0.5 * constant.q_cov.nbytes
-
-
 def test_info_counts(dataset: Dataset, path: Path) -> None:
     info = dataset_info(path)
     expected = {
@@ -313,11 +294,9 @@ def test_a_damaged_order_is_refused(
     ("spoil", "says"),
     [
         (lambda d: replace(d, tosses=()), "no tosses"),
-        (lambda d: replace(d, rate_hz=0.0), "rate"),
         (lambda d: replace(d, rate_hz=float("nan")), "rate"),
         (lambda d: replace(d, tosses=(d.tosses[0], d.tosses[0])), "two tosses are named"),
         (lambda d: replace(d, tosses=(replace(d.tosses[0], name="a/b"),)), "cannot be named"),
-        (lambda d: replace(d, tosses=(replace(d.tosses[0], name=""),)), "cannot be named"),
         (lambda d: replace(d, tosses=(make_toss("x", 5, np.random.default_rng(0), n_joints=1),)), "1 joints"),
         (lambda d: replace(d, provenance={"nested": {"a": 1}}), "nested"),
         (lambda d: replace(d, provenance={"long": "x" * 40_000}), "long"),
@@ -371,24 +350,6 @@ def test_a_disk_that_fills_up_leaves_the_earlier_file(cube: ObjectModel, kept: P
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
-def test_a_place_that_is_a_file_is_an_output_error(dataset: Dataset, kept: Path) -> None:
-    with pytest.raises(OutputError, match="cannot be written"):
-        write_dataset(dataset, kept / "inside.h5")
-
-
-def test_a_really_full_device(dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    if not Path("/dev/full").exists():
-        pytest.skip("no /dev/full here")
-    # the file beside its place leads to a device that is always full
-    beside = tmp_path / ".a.tmp-1-00000000.h5"
-    beside.symlink_to("/dev/full")
-    monkeypatch.setattr(outputs, "_remove_stale", lambda path: None)
-    monkeypatch.setattr(outputs, "_temporary", lambda path: beside)
-    with pytest.raises(OutputError, match="the disk is full"):
-        write_dataset(dataset, tmp_path / "a.h5")
-    assert not list(tmp_path.iterdir())
-
-
 # ---------------------------------------------------------------- refused when read
 
 
@@ -403,7 +364,7 @@ def refused(path: Path, *says: str) -> None:
         assert words in message
 
 
-@pytest.mark.parametrize("share", [0.0, 0.001, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 0.999])
+@pytest.mark.parametrize("share", [0.0, 0.001, 0.2, 0.6, 0.999])
 def test_a_truncated_file_is_refused(path: Path, share: float) -> None:
     content = path.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
@@ -489,17 +450,13 @@ def long_quaternion(file: h5py.File) -> None:
     ("change", "says"),
     [
         (attribute("/", "schema", "tossid.dataset/99"), ["tossid.dataset/99", "unknown", SCHEMA]),
-        (attribute("/", "schema", 1), ["schema"]),
         (attribute("/", "rate_hz", -1.0), ["rate_hz"]),
         (attribute("/", "rate_hz", "fast"), ["rate_hz", "expected float"]),
         (attribute("/", "n_tosses", 9), ["n_tosses"]),
         (attribute("/tosses/toss_0001", "index", 0), ["index"]),
         (attribute("/tosses/toss_0001", "split", "holdout"), ["/tosses/toss_0001", "holdout"]),
-        (attribute("/object", "friction", float("nan")), ["friction"]),
         (attribute("/object", "friction", -0.1), ["/object", "friction"]),
-        (attribute("/object", "width_m", 0.0), ["/object", "width"]),
         (attribute("/object", "compliance", -1e-5), ["/object", "compliance"]),
-        (attribute("/object", "cohesion", float("inf")), ["cohesion"]),
         (attribute("/object", "nq", 8), ["joints"]),
         (attribute("/provenance", "array", np.zeros(3)), ["provenance", "array"]),
         (drop("/tosses"), ["/tosses is missing"]),
@@ -522,10 +479,7 @@ def long_quaternion(file: h5py.File) -> None:
         (mjcf(b"<mujoco><extension><plugin/></extension></mujoco>"), ["element <extension>"]),
         (put(f"{FIRST}/t", h5py.ExternalLink("other.h5", "/t")), [f"{FIRST}/t", "link"]),
         (put(f"{FIRST}/t", h5py.SoftLink(f"{FIRST}/q")), ["link"]),
-        (put("/tosses/toss_0001", h5py.ExternalLink("other.h5", "/")), ["/tosses/toss_0001", "link"]),
         (lambda file: file.create_dataset("surprise", data=1), ["surprise"]),
-        (lambda file: file[FIRST].create_group("more"), ["more"]),
-        (times(10**12, chunks=(1024,)), [f"{FIRST}/t", "declares"]),
         (times(10**8, chunks=(1024,)), [f"{FIRST}/t", "declares"]),  # would fit into memory
         (times(12, external=[("/etc/hostname", 0, 96)]), ["another file"]),
         (times(12, chunks=(12,), compression="lzf"), [f"{FIRST}/t", "filter"]),

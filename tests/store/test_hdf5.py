@@ -10,17 +10,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tossid.errors import FileError
-from tossid.store.hdf5 import check_heaps, frugal
+from tossid.store.hdf5 import check_heaps
 
 STRINGS = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=30).flatmap(
     lambda text: st.sampled_from((text, text * 50, text * 400))
 )
-
-
-def test_the_cache_of_headers_does_not_grow(tmp_path: Path) -> None:
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        config = frugal(file).id.get_mdc_config()
-        assert config.min_size == config.max_size == 1 << 20
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -6,9 +6,7 @@ import hashlib
 import json
 import os
 from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import pytest
@@ -18,12 +16,8 @@ from hypothesis import strategies as st
 
 from tests.store.makers import make_toss
 from tossid.errors import FileError, InputError
-from tossid.objects import ObjectModel
 from tossid.settings.synthesis import SynthesizeSettings
 from tossid.store import draw_splits, drawn_splits, file_sha256, source_sha256
-from tossid.store.hashing import natural_key
-from tossid.store.importers import registry
-from tossid.store.importers.registry import Contents, Imported, holds, register_importer
 from tossid.store.provenance import provenance_of
 from tossid.types import Toss
 
@@ -52,11 +46,6 @@ def test_a_folders_hash_is_of_names_and_contents_in_sorted_order(tmp_path: Path)
     assert source_sha256(tmp_path) == digest.hexdigest()
 
 
-def test_two_comes_before_ten() -> None:
-    names = ["10.pt", "2.pt", "1.pt", "toss_10", "toss_9", "a"]
-    assert sorted(names, key=natural_key) == ["1.pt", "2.pt", "10.pt", "a", "toss_9", "toss_10"]
-
-
 # ---------------------------------------------------------------- splits
 
 
@@ -75,14 +64,6 @@ def test_every_split_is_there_and_its_share_right(n: int, seed: int) -> None:
     for name, share in (("train", 0.5), ("validation", 0.3), ("test", 0.2)):
         assert count[name] >= 1
         assert abs(count[name] - share * n) <= 1.5
-
-
-@pytest.mark.parametrize(
-    ("fractions", "expected"),
-    [((0.5, 0.3, 0.2), {"train": 250, "validation": 150, "test": 100}), ((0.0, 0.0, 1.0), {"test": 500})],
-)
-def test_splits_are_as_published_and_may_be_empty(fractions: tuple[float, ...], expected: dict[str, int]) -> None:
-    assert Counter(toss.split for toss in draw_splits(MANY, fractions=fractions, seed=0)) == expected
 
 
 def test_the_seed_decides_not_the_order() -> None:
@@ -116,37 +97,6 @@ def test_a_copy_goes_to_the_split_of_its_first_and_all_others_stay() -> None:
 
 
 # ---------------------------------------------------------------- formats and provenance
-
-
-@dataclass(frozen=True, kw_only=True)
-class ToySource:
-    """Nothing at all."""
-
-    name: Literal["nothing"] = "nothing"
-    """nothing"""
-    path: Path
-    """anywhere"""
-
-
-def test_a_format_is_registered_by_the_name_of_its_settings(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(registry, "FORMATS", {})
-
-    def read(source: ToySource, model: ObjectModel) -> Imported:
-        return Imported([])
-
-    register_importer(ToySource, read, default_object="elbow", cut_at_rest=True)
-    (entry,) = registry.FORMATS.values()
-    assert (entry.name, entry.contents, entry.default_object) == ("nothing", Contents.POSES, "elbow")
-    assert entry.cut_at_rest
-    assert not entry.recognizes(Path())
-
-
-def test_a_folder_with_cameras_holds_no_tosses(tmp_path: Path) -> None:
-    assert not holds(tmp_path / "nowhere", ".txt")
-    (tmp_path / "a.txt").touch()
-    assert (holds(tmp_path, ".txt"), holds(tmp_path, ".pt")) == (True, False)
-    (tmp_path / "cameras.yaml").touch()
-    assert not holds(tmp_path, ".txt")
 
 
 def test_the_settings_of_a_call_can_be_read_back() -> None:
