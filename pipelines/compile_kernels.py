@@ -12,8 +12,12 @@ from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from multiprocessing import get_context
 
+import numpy as np
+
 import tossid
 from pipelines.cli.console import Console
+from tossid.objects import load_object
+from tossid.physics import PolyhedralCone, make_system, simulate
 
 
 def of_a_cube() -> None:
@@ -38,7 +42,13 @@ def of_films() -> None:
         tossid.ingest(f"{folder}/film")
 
 
-TASKS: tuple[Callable[[], None], ...] = (of_a_cube, of_an_elbow, of_films)
+def of_other_contact() -> None:
+    """What the presets' polyhedral cone needs: simulation."""
+    pose, velocity = np.array([[0.0, 0.0, 0.1, 1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 6))
+    simulate(make_system(load_object("cube")), pose, velocity, n_steps=1, dt=1 / 148, solver=PolyhedralCone())
+
+
+TASKS: tuple[Callable[[], None], ...] = (of_a_cube, of_an_elbow, of_films, of_other_contact)
 """Each in a process of its own."""
 EVERY_S = 8.0
 """Longest time between two lines about it [s]."""

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.errors import InputError
-from tossid.kernels import implements
 from tossid.parallel import over_threads
 from tossid.physics.body import Body, make_body
 from tossid.physics.contact.law import ContactLaw, make_contact_law
 from tossid.physics.links import Links, make_links
 from tossid.physics.network import Network, make_network
 from tossid.physics.solvers.cones import ExactCone
-from tossid.physics.solvers.polyhedral_cone import PolyhedralCone
-from tossid.physics.solvers.registry import ContactSolver, check_solver, solve_contact
+from tossid.physics.solvers.registry import ContactSolver, check_solver
 from tossid.physics.system import System
 from tossid.physics.time_step import Engine, Simulation, StepSettings, Tosses, simulate_part
 from tossid.settings.contact import ContactSettings
@@ -81,7 +78,7 @@ def simulate(
     check_solver(solver, relaxed=system.law.lifting > 0)
     model, law, k_res = _prepared(_ById(system), contact, dt / substeps)
     settings = StepSettings(float(dt), substeps, impact_parts, tolerance)
-    engine = Engine(model, law, k_res, _kept(solver), settings, at_impacts=impact_parts > 1 and law.rigid)
+    engine = Engine(model, law, k_res, solver, settings, at_impacts=impact_parts > 1 and law.rigid)
     T, nc = int(steps.max()), system.n_corners
     out = Simulation(
         q=np.empty((count, T + 1, system.nq)),
@@ -98,34 +95,6 @@ def simulate(
 
     over_threads(part, count, n_threads)
     return out
-
-
-class _EitherCone(NamedTuple):
-    """The library's two cones as one solver, so that one compiled time step serves both.
-
-    Attributes:
-        is_round: which of them acts.
-        exact: the round one.
-        polyhedral: the other.
-    """
-
-    is_round: bool
-    exact: ExactCone
-    polyhedral: PolyhedralCone
-
-
-@implements(solve_contact, _EitherCone)
-def _solve_either(solver, A, V, index, n, tolerance):  # type: ignore[no-untyped-def]
-    if solver.is_round:
-        return solve_contact(solver.exact, A, V, index, n, tolerance)
-    return solve_contact(solver.polyhedral, A, V, index, n, tolerance)
-
-
-def _kept(solver: ContactSolver) -> ContactSolver:
-    """The solver that a time step is compiled for: one's own, or either of the library's."""
-    if isinstance(solver, PolyhedralCone):
-        return _EitherCone(False, EXACT_CONE, solver)
-    return _EitherCone(True, solver, PolyhedralCone()) if isinstance(solver, ExactCone) else solver
 
 
 class _ById:

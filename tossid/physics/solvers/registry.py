@@ -33,8 +33,7 @@ def check_solver(solver: ContactSolver, *, relaxed: bool) -> None:
         InputError: with the solvers that are registered, or by the solver's own check.
     """
     if type(solver) not in implemented(solve_contact):
-        kinds = (kind.__name__ for kind in implemented(solve_contact))
-        names = ", ".join(sorted(name for name in kinds if not name.startswith("_")))
+        names = ", ".join(sorted(kind.__name__ for kind in implemented(solve_contact)))
         raise InputError(f"{solver!r} is no registered contact solver; there are {names} (see register_solver)")
     check = getattr(solver, "check", None)
     if check is not None:
