@@ -10,8 +10,13 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import pytest
 
-from tossid.errors import ConfigError
+from tossid.diagnosis.likelihood.windows import steps_of
+from tossid.errors import ConfigError, InputError
+from tossid.objects import ObjectModel
+from tossid.physics.effects import World
 from tossid.settings.changed import changed
+from tossid.settings.contact import ContactSettings
+from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.settings.kinds import (
     ADVANCED,
     Bounds,
@@ -25,6 +30,7 @@ from tossid.settings.kinds import (
     to_plain,
 )
 from tossid.settings.objects import PRESETS, ObjectSettings, UnknownObjectSettings
+from tossid.settings.rendering import RenderSettings
 from tossid.settings.synthesis import SynthesizeSettings
 from tossid.settings.tracking import StreamSettings, TrackSettings
 from tossid.settings.training import ModelSettings, RolloutSettings, TrainSettings
@@ -99,9 +105,6 @@ def test_settings_check_themselves() -> None:
     assert UnknownObjectSettings(mass=2).mass == 2.0
 
 
-# ---------------------------------------------------------------- changed by name
-
-
 @dataclass(frozen=True)
 class Inner:
     gravity: float = 9.81
@@ -159,9 +162,6 @@ def test_an_advanced_part_changes_by_name_and_is_marked() -> None:
     assert "stream" not in to_plain(settings, advanced=False)
 
 
-# ---------------------------------------------------------------- plain, and back
-
-
 @pytest.mark.parametrize(
     "own",
     [
@@ -181,3 +181,32 @@ def test_what_an_older_file_lacks_is_the_default() -> None:
     assert from_plain(TrainSettings(), gone) == expected
     with pytest.raises(ConfigError, match=r"rollouts\.settling: 'x' will not do"):
         from_plain(TrainSettings(), {"rollouts": {"settling": "x"}})
+
+
+# ---------------------------------------------------------------- settings of the library
+
+
+def test_parts_are_changed_by_name() -> None:
+    settings = changed(
+        DiagnoseSettings(), {"degrees_of_freedom": 5.0, "likelihood__simulation__substeps": 3, "seed": 3}
+    )
+    assert settings.likelihood.density.degrees_of_freedom == 5.0
+    assert settings.likelihood.simulation.substeps == 3
+    assert settings.likelihood.windows == DiagnoseSettings().likelihood.windows
+    assert settings.seed == 3
+
+
+def test_the_thresholds_of_contact_reach_the_simulator_of_windows(cube: ObjectModel) -> None:
+    settings = changed(DiagnoseSettings(), {"bounce_speed": 0.05}).likelihood.simulation
+    assert steps_of(World(cube), settings)["contact"] == ContactSettings(bounce_speed=0.05)
+
+
+@pytest.mark.parametrize("wrong", [{"samples": 0}, {"noise": -1.0}, {"ambient": 1.1}, {"glare": -0.1}, {"focus": -1.0}])
+def test_what_no_image_can_have_is_refused(wrong: dict[str, float]) -> None:
+    (name,) = wrong
+    with pytest.raises(InputError, match=name):
+        RenderSettings(**wrong)
+
+
+def test_the_lens_is_a_radius_and_a_distance() -> None:
+    assert RenderSettings(aperture=0.01, focus=2.0).lens == (0.005, 2.0)
