@@ -1,18 +1,24 @@
-"""A result and its parts in the form that gap.json has, and what follows from them."""
+"""A result and its parts in the form that gap.json has, what follows from them, and what is said beside."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.diagnosis.by_hand import EFFECTS, diagnosis, finding, with_place, without_effects
+from tests.golden import assert_as_read
 from tossid.diagnosis.effect_findings import changes, size_of
 from tossid.diagnosis.findings import Brings, Felt, Interval, mean_over_tosses, ratio_over_tosses
+from tossid.diagnosis.inference.hypothesis import RELAXED, ROUTH, ContactLaw
 from tossid.diagnosis.localisation.place import Corner
 from tossid.diagnosis.localisation.witnesses import Witness
+from tossid.diagnosis.remarks import remarks_on
+from tossid.diagnosis.simulators import Simulator, nominal
 from tossid.objects import ObjectModel
 
 ONE = Interval(1.0, 0.5, 1.5)
@@ -26,39 +32,26 @@ def test_the_whole_is_written_as_the_contract_has_it(cube: ObjectModel) -> None:
     )
     found = made.as_json()
     assert json.loads(json.dumps(found, allow_nan=False)) == found
-    explanation, gap, brings = found["explanation"], found["gap"], found["brings"]
-    assert (explanation["verdict"], explanation["effects"], explanation["minor"]) == ("explained", ["friction"], [])
-    assert explanation["unexplained_share"] == pytest.approx(1 - explanation["gap_closed"]["value"])
-    assert explanation["unexplained_where"] == [{"phase": "impact", "share": 0.07, "ci95": [0.02, 0.12]}]
-    assert (explanation["draws"], explanation["folds"], explanation["probability_none"]) == (800, 4, 0.0)
-    assert found["change"] == [{"name": "friction", "parameter": "mu", "from": 0.18, "to": 0.3, "ci95": [0.297, 0.303]}]
-    assert brings["in"] == "tossid"
-    assert brings["position_error_pct"]["before"] == pytest.approx(12.5)
-    assert brings["position_error_mm"]["after"] == pytest.approx(0.003 * 104.8)
-    assert brings["rotation_error_deg"]["after"] == pytest.approx(0.15)
-    low, high = brings["position_error_pct"]["ci95"]["after"]
-    assert low < brings["position_error_pct"]["after"] < high
-    assert gap["total"] == {"value": 5.0, "ci95": [4.5, 5.5], "unit": "standard deviations of noise"}
-    assert (gap["noise_floor"], gap["position_mm"]) == (1.0, pytest.approx(1.0))
-    assert [row["phase"] for row in gap["by_phase"]] == ["flight", "impact", "slide", "roll", "rest"]
-    assert sum(row["share"] for row in gap["by_channel"]) == pytest.approx(1.0)
-    assert len(gap["by_corner"]) == len(found["gap_left"]["by_corner"]) == 8
-    assert [row["phase"] for row in gap["wrench"]] == ["flight", "contact"]
-    assert [len(row["curve"]) for row in found["gap_left"]["wrench"]] == [5]
-    (witness,) = found["witnesses"]
-    assert (witness["measured"], witness["predicted"]) == ({"value": 0.3, "ci95": [0.25, 0.35]}, None)
-    friction = found["effects"][0]
-    assert (friction["name"], friction["verdict"], friction["matters"]) == ("friction", "confusable", True)
-    assert friction["parameters"] == {"mu": {"value": 0.3, "ci95": [0.297, 0.303]}}
-    assert friction["whole_tosses"] == {"position_pct": 12.1, "rotation_deg": 5.2}
-    assert friction["detectable"].keys() == {"mu"}
-    assert not {"felt", "over_order", "sessions", "drift"} & friction.keys()
+    brings = found["brings"]
+    assert brings["position_error_mm"]["after"] == pytest.approx(10 * 0.1048 * brings["position_error_pct"]["after"])
+    assert sum(row["share"] for row in found["gap"]["by_channel"]) == pytest.approx(1.0)
+    assert found["explanation"]["unexplained_share"] == pytest.approx(1 - made.gap_closed.value)
+    lines = list[str]()
+    for key, value in _rounded(found).items():
+        parts = (
+            value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else [("", value)]
+        )
+        lines += [f"{key}.{part}: {json.dumps(each)}\n" for part, each in parts]
+    assert_as_read(Path(__file__).parent / "gap.txt", "".join(lines))
 
 
-def test_a_corner_that_never_touches_has_no_share_per_frame() -> None:
-    assert Corner((0.05, -0.05, 0.05), ONE, 0, None).as_json() == {
-        "corner": [0.05, -0.05, 0.05], "link": 0, "share": 1.0, "ci95": [0.5, 1.5], "frames": 0, "per_frame": None,
-    }  # fmt: skip
+def _rounded(x: Any) -> Any:
+    """To six digits, which no processor changes."""
+    if isinstance(x, dict):
+        return {key: _rounded(each) for key, each in x.items()}
+    if isinstance(x, list | tuple):
+        return [_rounded(each) for each in x]
+    return float(f"{x:.6g}") if isinstance(x, float) else x
 
 
 def test_an_effect_that_whole_tosses_do_not_feel_is_minor(cube: ObjectModel) -> None:
@@ -73,22 +66,6 @@ def test_an_effect_that_whole_tosses_do_not_feel_is_minor(cube: ObjectModel) -> 
     assert with_first(verdict="candidate") == ((), ("friction",), ())
     # what may be there in its place is not found beside it
     assert [f.name for f in made.found] == ["friction"]
-
-
-def test_the_unexplained_share_is_never_negative(cube: ObjectModel) -> None:
-    over = replace(diagnosis(cube), gap_closed=Interval(1.04, 0.9, 1.1))
-    assert over.as_json()["explanation"]["unexplained_share"] == 0.0
-    nothing = without_effects(cube, "unexplained").as_json()["explanation"]
-    assert (nothing["unexplained_share"], nothing["effects"]) == (1.0, [])
-
-
-def test_its_main_numbers_are_flat_and_finite(cube: ObjectModel) -> None:
-    made = diagnosis(cube)
-    found = made.metrics()
-    assert (found["gap_total"], found["n_effects"], found["gap_closed"]) == (5.0, 1.0, made.gap_closed.value)
-    assert found["position_error_pct/after"] == pytest.approx(0.3)
-    assert any(name.startswith("friction/") for name in found)
-    assert "gap_closed" not in replace(made, gap_closed=Interval(float("nan"), 0.0, 1.0)).metrics()
 
 
 @pytest.mark.parametrize(
@@ -154,3 +131,48 @@ def test_intervals_over_tosses_hold_means_and_ratios() -> None:
         inside += [mean.low <= 3.0 <= mean.high, ratio.low <= 0.4 <= ratio.high]
     assert (inside >= 178).all()
     assert (inside <= 199).all()
+
+
+def test_main_numbers_are_flat_and_finite_and_shares_never_negative(cube: ObjectModel) -> None:
+    made = diagnosis(cube)
+    found = made.metrics()
+    assert (found["gap_total"], found["n_effects"], found["gap_closed"]) == (5.0, 1.0, made.gap_closed.value)
+    assert found["position_error_pct/after"] == pytest.approx(0.3)
+    assert any(name.startswith("friction/") for name in found)
+    assert "gap_closed" not in replace(made, gap_closed=Interval(float("nan"), 0.0, 1.0)).metrics()
+    over = replace(made, gap_closed=Interval(1.04, 0.9, 1.1)).as_json()["explanation"]
+    nothing = without_effects(cube, "unexplained").as_json()["explanation"]
+    assert (over["unexplained_share"], nothing["unexplained_share"], nothing["effects"]) == (0.0, 1.0, [])
+    never = Corner((0.05, -0.05, 0.05), ONE, 0, None).as_json()
+    assert (never["frames"], never["per_frame"]) == (0, None)
+
+
+# ---------------------------------------------------------------- what is said beside it
+
+
+def test_few_tosses_without_a_name_are_said(cube: ObjectModel) -> None:
+    few = without_effects(cube, "unexplained", n=6)
+    said = remarks_on(replace(few, changes_left=()), nominal(cube))
+    assert len(said) == 1
+    assert said[0].startswith("6 tosses are too few")
+    assert remarks_on(replace(diagnosis(cube, n=6), changes_left=()), nominal(cube)) == ()
+    assert remarks_on(replace(without_effects(cube, "no_gap", n=6), changes_left=()), nominal(cube)) == ()
+
+
+def test_an_order_that_was_not_looked_at_is_said(cube: ObjectModel) -> None:
+    (said,) = remarks_on(diagnosis(cube), nominal(cube))
+    assert "too few for a change" in said
+
+
+def test_another_law_of_contact_is_said(cube: ObjectModel) -> None:
+    made = replace(diagnosis(cube), changes_left=())
+
+    def under(law: object, simulator: Simulator) -> str:
+        return " ".join(remarks_on(replace(made, hypothesis=replace(made.hypothesis, law=law)), simulator))
+
+    stated = nominal(cube)
+    assert "Routh's law" in under(ROUTH, stated)
+    assert "relaxed friction" in under(RELAXED, stated)
+    assert under(made.hypothesis.law, stated) == ""
+    own = replace(stated, mjcf=Path("cube.xml"), contact=(ContactLaw("own"),))
+    assert "the patch makes the model's contact rigid" in under(made.hypothesis.law, own)

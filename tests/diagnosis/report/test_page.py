@@ -1,244 +1,308 @@
-"""The page has the card first; it needs nothing beside itself; its details hold what is in gap.json, in units."""
+"""The page says what it said when it was read, has the card first and needs nothing beside itself."""
 
 from __future__ import annotations
 
 import base64
+import json
+import math
 import re
+import shutil
+import subprocess
+from collections.abc import Iterator
 from dataclasses import replace
-from html.parser import HTMLParser
+from html import escape, unescape
+from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from tests.diagnosis.by_hand import diagnosis, with_place, without_effects
-from tests.diagnosis.report.test_words import RELEASE
+from tests.diagnosis.report.reports import NO_PATCH, PATCH, reports
+from tests.diagnosis.report.test_figures import a_slide, with_film
+from tests.golden import assert_as_read
 from tossid.diagnosis.findings import Interval
-from tossid.diagnosis.learned import LearnedForces, StandsFor
-from tossid.diagnosis.localisation.disagreement import SolverDisagreement
-from tossid.diagnosis.localisation.noise import MeasuredNoise
-from tossid.diagnosis.localisation.witnesses import Witness
-from tossid.diagnosis.plane import Plane
-from tossid.diagnosis.report import REPORT_FIGURES, card_of, report_html, report_pngs
+from tossid.diagnosis.report import REPORT_FIGURES, card_of, report_figure, report_html, report_pngs
 from tossid.diagnosis.report.card import VERDICTS
-from tossid.diagnosis.result import Diagnosis, Interruption, Unseen
+from tossid.diagnosis.report.units import (
+    in_units,
+    parameter,
+    percent,
+    percent_span,
+    place_of,
+    quantity,
+    short,
+    size_of_change,
+    span,
+)
+from tossid.diagnosis.report.words import state_words, times_likelier, wrench_words
+from tossid.diagnosis.result import Diagnosis, Interruption
+from tossid.diagnosis.simulators import nominal
+from tossid.evaluation.figures.style import new_figure
 from tossid.objects import ObjectModel
 
-
-class Page(HTMLParser):
-    """Tags with their attributes, and the text in reading order, spaces and line breaks as one space."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.open: list[str] = []
-        self.text = ""
-        self.feed(text)
-        self.text = " ".join(self.text.split())
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attrs)))
-        if tag not in ("meta", "img", "br"):
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        if "style" not in self.open:
-            self.text += data + " "
+REPORTS = reports()
+GOLDEN = Path(__file__).parent / "golden"
 
 
-def page_of(made: Diagnosis, **changes: Any) -> Page:
-    page = Page(report_html(replace(made, **changes), {}))
-    assert page.open == []
-    return page
+def text_of(page: str) -> str:
+    """The text in reading order, a line for each paragraph, row or cell; every tag is closed."""
+    for tag in set(re.findall(r"</(\w+)>", page)):
+        assert len(re.findall(rf"<{tag}\b", page)) == page.count(f"</{tag}>"), tag
+    shown = re.sub(r"<style>.*?</style>", "", page, flags=re.DOTALL).replace("\n", " ")
+    lines = re.sub(r"</(?:p|li|tr|dt|dd|h\d|summary|pre|figcaption|div)>", "\n", shown)
+    words = (" ".join(unescape(re.sub(r"<[^>]*>", " ", line)).split()) for line in lines.split("\n"))
+    return "\n".join(line for line in words if line) + "\n"
+
+
+@pytest.mark.parametrize("name", REPORTS)
+def test_the_page_says_what_was_read(name: str) -> None:
+    made = REPORTS[name]
+    details = [each.name for each in REPORT_FIGURES.values() if each.applies(made)]
+    assert_as_read(
+        GOLDEN / f"{name.replace(' ', '-')}.txt", text_of(report_html(made, dict.fromkeys(details, b"a picture")))
+    )
 
 
 def test_the_page_is_whole_and_asks_nothing_of_the_network(cube: ObjectModel) -> None:
     found = replace(with_place(cube), tosses_of="a & b <c>")
     text = report_html(found, report_pngs(found))
-    page = Page(text)
-    assert page.open == []
     assert not re.search(r"https?://|<script|<link|@import|url\(", text)
-    pictures = [attrs for tag, attrs in page.tags if tag == "img"]
     shown = [each for each in REPORT_FIGURES.values() if each.applies(found)]
     assert [each.name for each in shown] == ["gap_tosses", "gap_where", "gap_when", "gap_wrench", "gap_corners"]
-    assert {attrs["alt"] for attrs in pictures} == {each.alt for each in shown}
-    for attrs in pictures:
-        head, _, data = (attrs["src"] or "").partition(",")
-        assert head == "data:image/png;base64"
-        assert base64.b64decode(data).startswith(b"\x89PNG")
-    assert "a & b <c>" in page.text
+    pictures = re.findall(r'<img [^>]*src="data:image/png;base64,([^"]*)"', text)
+    assert len(pictures) == text.count("<img") == len(shown)
+    assert all(base64.b64decode(data).startswith(b"\x89PNG") for data in pictures)
+    assert {unescape(alt) for alt in re.findall(r'alt="([^"]*)"', text)} == {each.alt for each in shown}
     assert 'name="viewport"' in text  # a phone's width
 
 
 def test_the_card_comes_first_and_the_rest_is_folded(cube: ObjectModel) -> None:
     found = diagnosis(cube)
-    text = report_html(found, {})
-    page = Page(text)
-    said = card_of(found)
-    first = page.text[: page.text.index("Details")].replace("\u00a0", " ")
+    page, said = report_html(found, {}), card_of(found)
+    first, details = text_of(page).split("Details", 1)[0].replace("\u00a0", " "), page.split("<h2>Details</h2>")[1]
     for line in (said.headline, *said.rows, *(line for lines in said.rows.values() for line in lines)):
-        assert line in first, line
-    details = text[text.index("<h2>Details</h2>") :]
+        assert line in " ".join(first.split()), line
     assert details.count("<details>") == 4
-    assert "details-content" in text  # they open in print
+    assert "details-content" in page  # they open in print
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_every_verdict_has_a_page(cube: ObjectModel, verdict: str) -> None:
     interruption = Interruption("the search") if verdict == "incomplete" else None
     for made in (diagnosis(cube), without_effects(cube, "no_gap")):
-        page = page_of(made, verdict=verdict, interruption=interruption)
-        assert VERDICTS[verdict] in page.text
+        assert VERDICTS[verdict] in text_of(report_html(replace(made, verdict=verdict, interruption=interruption), {}))
 
 
-def test_no_interval_is_one_value_and_nothing_is_unknown(cube: ObjectModel) -> None:
-    text = page_of(with_place(cube)).text
-    assert not re.search(r"([\d.]+) ?[^ ]* \(\1 to \1\)", text)
-    assert "unknown" not in text
-    assert "nan" not in text
+def test_no_interval_is_one_value_and_nothing_is_unknown() -> None:
+    text = text_of(report_html(REPORTS["by place"], {}))
+    assert not re.search(r"([\d.]+) ?[^ ]* \(\1 to \1\)|unknown|nan", text)
 
 
-def test_details_hold_every_effect_with_its_smallest_detectable_size(cube: ObjectModel) -> None:
-    found = without_effects(cube, "no_gap")
-    page = page_of(found)
-    for f in found.findings:
-        assert f.name in page.text
-    text = page.text.replace("\u00a0", " ")
-    assert "g 0.050 m/s²" in text
-    assert "x 1.0 mm" in text  # the step of com_offset is 1e-3 m
-    assert "not supported : not found, and these tosses would have shown it" in page.text
-    assert "candidate :" not in page.text  # which does not occur
-    table = page_of(diagnosis(cube)).text.replace("\u00a0", " ")
-    assert (
-        "confusable, or cohesion, named in 97 % mu 0.3000 (0.2970 to 0.3030) mu 0.18 12 % of the width, 5.2 deg"
-        in table
-    )
-    assert "Not identifiable: magnus." in table
+NAN, INF, DEGREE = float("nan"), float("inf"), math.pi / 180
 
 
-def test_millimetres_stand_beside_standard_deviations(cube: ObjectModel) -> None:
-    page = page_of(diagnosis(cube), disagreement=SolverDisagreement(4.0, 0.9, 0.7))
-    for piece in (
-        "predictions are off by 5.0 (4.5 to 5.5) standard deviations of noise (1.0 mm, 0.50 deg)",
-        "1.20 (1.08 to 1.32) standard deviations of noise (0.24 mm, 0.12 deg) are left",
-        "close 93 % (85 % to 98 %) of the gap above the noise , on tosses that took no part",
-        "a gap of 4.00 standard deviations (in contact up to 0.90 mm and 0.70 deg, in 95 % of windows)",
-    ):
-        assert piece.replace(" ,", ",") in page.text, piece
-
-
-def test_whole_tosses_have_their_intervals(cube: ObjectModel) -> None:
-    found = diagnosis(cube)
-    before, after = found.brings.position_mm()
-    page = page_of(found)
-    for error in (before, after):
-        assert f"{error.value:.3f}"[:4] in page.text
-    assert "position error [mm] 13.1 (12.5 to 13.7) 0.314 (0.299 to 0.329)" in page.text
-
-
-PATCH = {
-    "keys": {"object.friction": {"before": 0.18, "after": 0.3}},
-    "changes": [
-        {"effect": "friction", "where": "geom 'a&b'", "attribute": "friction", "before": "0.18", "after": "0.3",
-         "exact": True, "note": ""},
-        {"effect": "linear_drag", "where": "option", "attribute": "viscosity", "before": "0", "after": "1",
-         "exact": False, "note": ""},
+@pytest.mark.parametrize(
+    ("found", "text"),
+    [
+        (quantity("x_m", 0.0015), "1.5 mm"),
+        (quantity("g_ms2", 9.81), "9.81 m/s²"),
+        (quantity("mu", 0.18), "0.18"),
+        (quantity("stiffness_npm", 33000.0), "33\u202f000 N/m"),
+        (quantity("delay_s", 0.003), "3 ms"),
+        (quantity("x_m", -3.6e-15), "0 mm"),  # what rounding leaves of zero
+        (in_units("y_rad", Interval(DEGREE, DEGREE / 2, 1.5 * DEGREE)), "1.0 deg (0.5 to 1.5)"),
+        (in_units("mu", Interval(0.29867, 0.29698, 0.30036)), "0.2987 (0.2970 to 0.3004)"),
+        (in_units("e", Interval(0.25, 0.2, 0.3), level="95 %: "), "0.25 (95 %: 0.20 to 0.30)"),
+        (short(-3.6e-15), "0"),
+        (short(NAN), "unknown"),
+        (short(1.5e-7), "1.50e−07"),
+        (percent(-0.001), "0 %"),
+        (percent(INF), "unknown"),
+        (span(Interval(-3.6e-15, -0.1, 0.1)), "0.00 (−0.10 to 0.10)"),
+        (span(Interval(0.3, 0.25, 0.35), "N"), "0.30 N (0.25 to 0.35)"),
+        (span(Interval(7.1, 7.1 - 1e-12, 7.1)), "7.10"),
+        (span(Interval(7.1, -INF, INF)), "7.10"),
+        (percent_span(Interval(0.0, 0.0, 0.0)), "0 %"),
+        (percent_span(Interval(0.7, 0.65, 0.75)), "70 % (65 % to 75 %)"),
+        (percent_span(Interval(1.2, 0.9, 1.4)), "100 % (90 % to 100 %)"),  # no more than all of it is closed
+        (parameter("static_mu"), "static mu"),
+        (parameter("x_m"), "x"),
+        (size_of_change("scale_rel", 0.031), "3.1 %"),
+        (size_of_change("x_m", 0.001), "1.0 mm"),
+        (place_of((0.0524, -0.0524, 0.0)), "(+52, −52, 0) mm"),
+        (state_words("joint_1_rate"), ("joint 1's rate", "rad/s")),
+        (state_words("joint_1"), ("joint 1's angle", "rad")),
+        (state_words("horizontal_speed"), ("horizontal speed", "m/s")),
+        (wrench_words("torque_joint_1"), "torque in joint 1"),
+        (times_likelier(math.sqrt(2 * math.log(50.0))), "50 times"),
+        (times_likelier(12.3), "more than a million times"),
     ],
-    "recording": {"length_scale": "divide recorded lengths by 1.01"},
-    "not_expressed": {"magnus": "MuJoCo has it for ellipsoids only"},
-    "mjcf": "<mujoco/>",
-    "rerun": {
-        "engine": "MuJoCo 4", "on": "tosses that took part in the fit", "n_tosses": 20, "not_in_it": ["magnus"],
-        "position_error_pct": {"before": {"value": 5.8, "ci95": [5.7, 5.9]},
-                               "after": {"value": 0.3, "ci95": [0.2, 0.4]}},
-        "rotation_error_deg": {w: {"value": 1.0, "ci95": [0.9, 1.1]} for w in ("before", "after")},
-    },
-}  # fmt: skip
+)
+def test_numbers_and_names_are_a_persons(found: object, text: object) -> None:
+    assert found == text
 
 
-def test_the_patch_is_on_the_page_with_its_rerun(cube: ObjectModel) -> None:
-    page = page_of(diagnosis(cube), patch=PATCH)
-    for piece in (
-        "As keys of tossid: object.friction 0.18 → 0.3.",
-        "geom 'a&b'",
-        "approximate",
-        "length_scale is an error of the recording, not of the simulator. Correct the data: divide recorded lengths",
-        "magnus is not in the patch. Reason: MuJoCo has it for ellipsoids only.",
-        "run in MuJoCo 4 on 20 tosses that took part in the fit, without magnus, which MJCF cannot express:",
-        "position error [% of the width] 5.80 (5.70 to 5.90) 0.30 (0.20 to 0.40)",
-        "patched.xml: <mujoco/>",
-    ):
-        assert piece in page.text, piece
+# ---------------------------------------------------------------- figures of a user's own
 
 
-def test_a_patch_that_was_not_run_says_why(cube: ObjectModel) -> None:
-    page = page_of(diagnosis(cube), patch={**PATCH, "rerun": {"problem": "it <diverged>"}})
-    assert "The patched model was not run in MuJoCo. Reason: it <diverged>." in page.text
-    nothing = {"keys": {}, "changes": [], "recording": {}, "not_expressed": {}, "mjcf": None, "rerun": None}
-    assert "The patch for your simulator" not in page_of(diagnosis(cube), patch=nothing).text
+@pytest.fixture
+def registry() -> Iterator[None]:
+    kept = dict(REPORT_FIGURES)
+    yield
+    REPORT_FIGURES.clear()
+    REPORT_FIGURES.update(kept)
 
 
-def test_witnesses_are_listed_beside_those_of_made_tosses(cube: ObjectModel) -> None:
-    said = Witness("friction", "friction", 0.18, 0.3, Interval(0.29, 0.2, 0.4), 7, Interval(0.31, 0.3, 0.32), True)
-    page = page_of(diagnosis(cube), witnesses=(said,))
-    assert "friction 0.180 0.300 0.310 (0.300 to 0.320) 0.29 (0.20 to 0.40) (contradicts) 7" in page.text
-    assert "without a simulator" not in page_of(diagnosis(cube)).text
+def toy(diagnosis: Diagnosis) -> Figure:
+    return new_figure("Toy", "One function, one line.", height=2.0)
 
 
-def test_the_next_toss_has_its_whole_recipe(cube: ObjectModel) -> None:
-    found = {
-        "release": RELEASE,
-        "between": ["friction", "cohesion"],
-        "separation_sd": 12.3,
-        "separation_of_tosses_seen_sd": 2.0,
-    }
-    page = page_of(diagnosis(cube), next_toss=found)
-    for piece in (
-        "To tell friction from cohesion, release the object with the lowest corner 12 cm above the ground",
-        "position x = 0.30 m, y = -0.20 m",
-        "velocity (0, 1.50, −0.500) m/s in the world",
-        "spin (8.00, 0, 0) rad/s about the body's axes",
-        "joints at (0.500), their rates (2.00) per second",
-        "more than a million times likelier by this toss, and 7.4 times by one like those recorded",
-    ):
-        assert piece in page.text, piece
-    page = page_of(diagnosis(cube), next_toss={"release": None, "reason": "<none>"})
-    assert "None is proposed: <none>." in page.text
+@pytest.mark.usefixtures("registry")
+def test_a_figure_from_outside_is_on_the_page_where_it_says(cube: ObjectModel) -> None:
+    report_figure("toy", alt="A toy & its <words>.")(toy)
+    report_figure("detail", alt="", detail="A toy detail", note="A note.")(toy)
+    report_figure("among others", alt="", detail="Where the gap is")(toy)
+    report_figure("of no gap", alt="", applies=lambda d: d.verdict == "no_gap")(toy)
+    found = diagnosis(cube)
+    drawn = [name for name, each in REPORT_FIGURES.items() if each.applies(found)]
+    assert drawn == ["gap_tosses", "gap_where", "gap_when", "toy", "detail", "among others"]
+    page = report_html(found, dict.fromkeys(drawn, b"a picture"))
+    assert 'alt="A toy &amp; its &lt;words&gt;."' in page
+    assert page.index("A toy &amp;") < page.index("<h2>Details</h2>") < page.index("<summary>A toy detail</summary>")
+    detail, where = (page.split(f"<summary>{name}</summary>")[1] for name in ("A toy detail", "Where the gap is"))
+    assert "data:image/png;base64," in detail[: detail.index("</details>")]
+    assert "A note." in detail[: detail.index("</details>")]
+    assert where[: where.index("</details>")].count("data:image/png") == 3
 
 
-def test_what_a_reader_should_know_beside_is_said(cube: ObjectModel) -> None:
-    made = diagnosis(cube)
-    page = page_of(
-        made,
-        noise=MeasuredNoise(1.5, 1.0),
-        plane=Plane(np.array([0.0, 1.0, 0.0]), (("com_offset", "y_m"), ("magnus", "c_ns2pm")), ("magnus",)),
-        learned=LearnedForces(0.5, 0.0, False, (StandsFor("linear_drag", {"c_nspm": 0.05}, 0.9),), 0.1),
-        unseen=Unseen(6, Interval(0.9, 0.8, 0.95), made.brings),
-        remarks=("Tosses left out: one.",),
-        passes=412.0,
-    )
-    for piece in (
-        "In flight, positions have 1.5 times the noise that the dataset states.",
-        "All motion lies in one plane, with the normal (0, 1.0, 0). It cannot show y of com_offset, magnus.",
-        "k_res is 0.500 m/s² (root mean square). It stands for linear_drag (c 0.05 N s/m, 90 % of its mean square)",
-        "On 6 tosses of the test split, which nothing has seen before, all effects close 90 % (80 % to 95 %)",
-        "Tosses left out: one.",
-        "your simulator was asked 412 times for each window",
-    ):
-        assert piece in page.text, piece
-    assert "rotations have" not in page.text
+# ---------------------------------------------------------------- a result shows and saves itself
 
 
-def test_the_place_of_the_gap_is_said_before_and_after(cube: ObjectModel) -> None:
+def test_a_notebook_shows_the_card_figures_and_tables_in_its_own_style(cube: ObjectModel) -> None:
     found = with_place(cube)
-    page = Page(report_html(found, report_pngs(found)))
-    for piece in (
-        "Before, in flight: the simulator lacks a force along the path that depends on the horizontal speed.",
-        "Before, in contact: no residual force or torque is significant",
-        "After, in flight: the simulator lacks a force along the path",
-        "4.0 times the mean. It has 50 % (25 % to 100 %) of the gap in contact, in 40 frames.",
-    ):
-        assert piece in page.text, piece
+    assert repr(found) == str(card_of(found))
+    assert "  Change        friction: mu 0.18 → 0.3000 (95 %: 0.2970 to 0.3030)" in repr(found).splitlines()
+    html = found._repr_html_()
+    first, rest = html.split("<details", 1)
+    assert "friction: mu 0.18 → 0.3000 (95\u00a0%: 0.2970 to 0.3030)" in first
+    assert (first.count("data:image/png"), rest.count("data:image/png")) == (1, 4)
+    assert "All effects" in html
+    style = re.sub(r"@media [^{]*\{", "", html[html.index("<style>") + 7 : html.index("</style>")])
+    selectors = [each for rule in style.split("}") if rule.strip() for each in rule.split("{")[0].split(",")]
+    assert all(each.strip().startswith(".tossid-gap") for each in selectors)
+    assert not re.search(r"<html|https?://|<script|<link|@import|url\(", html)
+
+
+def test_a_saved_report_is_whole(cube: ObjectModel, tmp_path: Path) -> None:
+    made = replace(
+        diagnosis(cube),
+        simulator=nominal(cube),
+        tosses_of="mine.h5, test split",
+        data={"object": "cube"},
+        next_toss={"release": None, "reason": "none is needed"},
+        patch={**NO_PATCH, "mjcf": "<mujoco/>"},
+        remarks=("Tosses left out: one.",),
+    )
+    folder = made.save(tmp_path / "new" / "gap")
+    saved = json.loads((folder / "gap.json").read_text())
+    assert saved["schema"] == "tossid.gap/1"
+    assert saved["explanation"]["effects"] == ["friction"]
+    assert saved["simulator"] == {"sim": "nominal", "about": "the stated 'cube', rigid", "run": None, "reads": ""}
+    assert (saved["data"], saved["remarks"]) == ({"object": "cube"}, ["Tosses left out: one."])
+    assert (folder / "patched.xml").read_text() == "<mujoco/>"
+    page = (folder / "gap.html").read_text()
+    assert "mine.h5, test split" in page
+    figures = {path.stem for path in (folder / "figures").glob("*.png")}
+    assert figures == {name for name, each in REPORT_FIGURES.items() if each.applies(made)}
+    # what was not computed is not in the JSON
+    assert {"next_toss", "patch", "simulator", "data"}.isdisjoint(diagnosis(cube).as_json())
+
+
+# ---------------------------------------------------------------- in a browser: on a desk, a tablet, a phone and paper
+
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+
+in_browser = pytest.mark.skipif(CHROMIUM is None, reason="no chromium is installed to open the page in")
+WIDTHS, HEIGHT = (1280, 800, 400), 800
+
+
+MEASURE = """
+<script>
+onload = () => {
+  const found = [...document.querySelectorAll("iframe")].map(frame => {
+    const page = frame.contentDocument, width = page.documentElement.clientWidth;
+    page.querySelectorAll("details").forEach(each => each.open = true);
+    const all = [...page.querySelectorAll("body *")].filter(each => !each.closest("style, .wide, pre > *, svg *"));
+    const box = each => page.querySelector(each).getBoundingClientRect();
+    return {
+      width, scroll: page.documentElement.scrollWidth,
+      wider: all.filter(each => each.getBoundingClientRect().right > width + 1)
+        .map(each => each.outerHTML.slice(0, 60)),
+      smallest: Math.min(...all.filter(each => each.textContent.trim() && !each.closest("svg"))
+        .map(each => parseFloat(page.defaultView.getComputedStyle(each).fontSize))),
+      tables: [...page.querySelectorAll("table")].every(each => each.closest(".wide")),
+      film: box("svg[aria-label]").width, card: box(".card").top, changes: box(".card .main").bottom,
+      hidden: [...page.querySelectorAll("svg[aria-label]")].filter(each => !each.checkVisibility()).length,
+      stills: [...page.querySelectorAll("svg svg")].filter(each => each.checkVisibility()).length,
+    };
+  });
+  document.title = JSON.stringify(found);
+};
+</script>
+"""
+
+
+@pytest.fixture(scope="module")
+def page(cube: ObjectModel) -> str:
+    found = with_film(replace(with_place(cube), patch={**PATCH, "mjcf": "<mujoco>\n" + 60 * "  <a/>\n"}), a_slide())
+    return report_html(found, report_pngs(found))
+
+
+def chromium(folder: Path, *options: str) -> str:
+    assert CHROMIUM is not None
+    plain = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", f"--user-data-dir={folder / 'own'}"]
+    run = subprocess.run([CHROMIUM, *plain, *options], capture_output=True, text=True, timeout=240, check=True)
+    return run.stdout
+
+
+def measured(page: str, tmp_path: Path) -> list[dict[str, Any]]:
+    frames = "".join(
+        f'<iframe width="{width}" height="{HEIGHT}" style="border: 0" srcdoc="{escape(page)}"></iframe>'
+        for width in WIDTHS
+    )
+    harness = tmp_path / "harness.html"
+    harness.write_text(f"<!doctype html><meta charset=utf-8>{MEASURE}{frames}", encoding="utf-8")
+    dom = chromium(tmp_path, "--dump-dom", harness.as_uri())
+    title = re.search(r"<title>(.*?)</title>", dom, re.DOTALL)
+    assert title is not None
+    found: list[dict[str, Any]] = json.loads(unescape(title[1]))
+    return found
+
+
+@in_browser
+def test_nothing_is_wider_than_the_page_and_the_card_is_on_the_first_screen(page: str, tmp_path: Path) -> None:
+    for width, found in zip(WIDTHS, measured(page, tmp_path), strict=True):
+        assert found["width"] == width
+        assert found["scroll"] <= width
+        assert found["wider"] == []
+        assert found["tables"], "every table scrolls within its box"
+        assert found["smallest"] >= 12
+        assert found["film"] > 0.35 * width or width > 1000
+        assert found["card"] < found["changes"] < HEIGHT
+        assert (found["hidden"], found["stills"]) == (2, 0), "the stills are for paper"
+
+
+@in_browser
+def test_paper_has_the_details_and_the_patched_file(page: str, tmp_path: Path) -> None:
+    def pages(text: str) -> int:
+        source, out = tmp_path / "page.html", tmp_path / "page.pdf"
+        source.write_text(text, encoding="utf-8")
+        chromium(tmp_path, "--no-pdf-header-footer", f"--print-to-pdf={out}", source.as_uri())
+        return len(re.findall(rb"/Type /Page\b", out.read_bytes()))
+
+    folded = page.replace("details::details-content", "nothing")
+    everything = re.sub(r"<details>", "<details open>", folded)
+    assert pages(folded) < pages(everything) == pages(page)
