@@ -12,17 +12,15 @@ from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen, with_effect
 from tossid.diagnosis import over_order
 from tossid.diagnosis.correction import corrected
-from tossid.diagnosis.findings import Interval
-from tossid.diagnosis.inference.designs import line_over
+from tossid.diagnosis.inference.designs import steps_at
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.order import OverOrder
-from tossid.diagnosis.inference.stretches import Change, Stretch
+from tossid.diagnosis.inference.stretches import Change
 from tossid.diagnosis.over_order import (
     Undone,
     changes_left,
     corrections,
     findings_over_order,
-    mean_over_order,
     without_changes,
 )
 from tossid.diagnosis.problem import Problem
@@ -126,10 +124,8 @@ def test_friction_that_steps_is_left_and_said(cube: ObjectModel) -> None:
 
 def test_what_all_tosses_have_of_an_effect_joins_its_change(cube: ObjectModel, monkeypatch: pytest.MonkeyPatch) -> None:
     worlds = [with_effect(cube, "world_tilt", [x, 0.0]) for x in [0.005] * 6 + [0.017] * 6]
-    around = [{"x_rad": Interval(x, x - 1e-4, x + 1e-4), "y_rad": Interval(0.0, -1e-4, 1e-4)} for x in (-0.006, 0.006)]
-    values = np.repeat([[-0.006, 0.0], [0.006, 0.0]], 6, axis=0)
-    stretches = (Stretch(0, 6, around[0]), Stretch(6, 12, around[1]))
-    seen_first = Change(EFFECTS["world_tilt"], "steps", 0.001, 50.0, stretches, {}, values)
+    edges, B = (0, 6, 12), np.array([[-0.006, 0.0], [0.006, 0.0]])
+    seen_first = Change(EFFECTS["world_tilt"], edges, 0.001, 50.0, steps_at(edges), B, 1e-8 * np.eye(4))
     p_values = iter([0.001])
     monkeypatch.setattr(over_order, "_p_value", lambda *_: next(p_values, 0.5))
     monkeypatch.setattr(over_order, "_changes_beside", lambda *_: OverOrder((seen_first,), None, None))
@@ -156,22 +152,11 @@ def test_nothing_is_looked_at_where_tosses_are_few(cube: ObjectModel) -> None:
     assert findings_over_order(undone, tosses) == ()
 
 
-def test_means_over_the_order_have_intervals() -> None:
-    friction = EFFECTS["friction"]
-    two = (Stretch(0, 10, {"mu": Interval(0.2, 0.19, 0.21)}), Stretch(10, 40, {"mu": Interval(0.3, 0.26, 0.34)}))
-    steps = Change(friction, "steps", 0.001, 9.0, two, {}, np.repeat([0.2, 0.3], [10, 30])[:, None])
-    mean = mean_over_order(steps)["mu"]
-    assert mean.value == pytest.approx(0.275)
-    assert mean.high - mean.value == pytest.approx(np.hypot(0.25 * 0.01, 0.75 * 0.04))
-    # of a line: its middle is off by 0.01, and its slope by 0.002 a toss
-    n, middle, rate = 21, 0.01, 0.002
-    end = float(np.hypot(middle, 10 * rate))
-    ends = (
-        Stretch(0, 1, {"mu": Interval(0.2, 0.2 - end, 0.2 + end)}),
-        Stretch(20, 21, {"mu": Interval(0.4, 0.4 - end, 0.4 + end)}),
-    )
-    line = 0.3 + 0.01 * line_over(n)[:, 1:]
-    drift = Change(friction, "drift", 0.001, 9.0, ends, {"mu": Interval(0.01, 0.01 - rate, 0.01 + rate)}, line)
-    mean = mean_over_order(drift)["mu"]
-    assert mean.value == pytest.approx(0.3)
-    assert mean.high - mean.value == pytest.approx(middle)
+def test_a_tilt_between_stretches_is_no_slow_error(cube: ObjectModel) -> None:
+    tosses = tosses_of([World(cube)] * 10 + [with_effect(cube, "world_tilt", [0.03, 0.0])] * 10, cube, frames=140)
+    edges, B = (0, 10, 20), np.array([[0.0, 0.0], [0.03, 0.0]])
+    change = Change(EFFECTS["world_tilt"], edges, 0.001, 50.0, steps_at(edges), B, np.zeros((4, 4)))
+    problem = Problem(tosses, Hypothesis(World(cube))).in_order()
+    right = over_order._corrected(problem, (change,)).tosses
+    whole, within = (np.abs(problem.windows_of(tosses, each).slow).max() for each in (tosses, right))
+    assert within < 0.5 * whole

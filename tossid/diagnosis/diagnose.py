@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from tossid.diagnosis.conclude import Engine, explain, known_so_far, report_gap
-from tossid.diagnosis.correction import have_own_heights
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.learned import learned_forces
 from tossid.diagnosis.next_toss import next_toss
@@ -225,7 +224,6 @@ def prepare(
         unseen=unseen,
         names=names,
         sessions=() if dataset.order is None else tuple(each.first for each in dataset.order.sessions[1:]),
-        own_heights=have_own_heights(tosses, recorded, dataset.order),
         settings=settings,
     )
     about = {"tosses_of": tosses_of, "data": data or {"object": recorded.name}}

@@ -11,23 +11,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.diagnosis import findings as report
-from tossid.diagnosis.correction import CORRECTABLE, corrected_tosses, ending_at_origin
-from tossid.diagnosis.findings import ChangeLeft, Felt, Finding, Interval, ratio_over_tosses
+from tossid.diagnosis.correction import CORRECTABLE, corrected
+from tossid.diagnosis.findings import ChangeLeft, Felt, Finding, ratio_over_tosses
 from tossid.diagnosis.inference.brings import median_of
 from tossid.diagnosis.inference.designs import LEVEL, Where, change_p_values, enough
 from tossid.diagnosis.inference.evidence import Evidence, collect
 from tossid.diagnosis.inference.fitting import fit
 from tossid.diagnosis.inference.found import Found, Round
 from tossid.diagnosis.inference.hypothesis import Hypothesis
-from tossid.diagnosis.inference.order import SHOWN, OverOrder, alike, over_order
+from tossid.diagnosis.inference.order import SHOWN, OverOrder, may_change, over_order, overlap
 from tossid.diagnosis.inference.screening import screen
-from tossid.diagnosis.inference.stretches import Change, Stretch, fitted_together, windows_within
+from tossid.diagnosis.inference.stretches import Change, fitted_together
 from tossid.diagnosis.localisation.gap import rows_of
 from tossid.diagnosis.localisation.noise import noise_floor
 from tossid.diagnosis.localisation.rollouts import distances, first_states, whole_motions
@@ -68,14 +67,17 @@ def without_changes(problem: Problem, first: Evidence | None = None) -> Undone:
         first: Evidence of the simulator as it is stated, if it is known.
     """
     recorded, found = problem, problem.search().run(first)
-    changes, left, beside = tuple[Change, ...](), OverOrder((), None, None), frozenset[str]()
+    changes, left, refitted_beside = tuple[Change, ...](), OverOrder((), None, None), frozenset[str]()
     for _ in range(ROUNDS):
         names, changing = frozenset(found.hypothesis.names), {change.effect.name for change in changes}
-        left, wrong = (left, ()) if names & changing else _changes(problem, found, changes)
-        if wrong:
-            changes += wrong
-        elif changes and names - beside:
-            changes, beside = _beside(recorded, found.hypothesis, changes), beside | (names - changing)
+        further = tuple[Change, ...]()
+        if not names & changing:  # else the present values of what changes are not right yet
+            left, further = _changes(problem, found, changes)
+        if further:
+            changes += further
+        elif changes and names - refitted_beside:
+            changes = _refitted(recorded, found.hypothesis, changes)
+            refitted_beside |= names - changing
         else:
             break
         problem = _corrected(recorded, changes)
@@ -85,16 +87,23 @@ def without_changes(problem: Problem, first: Evidence | None = None) -> Undone:
     return Undone(problem, found, changes, left)
 
 
-def _beside(recorded: Problem, h: Hypothesis, changes: tuple[Change, ...]) -> tuple[Change, ...]:
+def _refitted(recorded: Problem, h: Hypothesis, changes: tuple[Change, ...]) -> tuple[Change, ...]:
     """Changes beside what was found in tosses that were corrected for them, which has their effects no more."""
-    changes = tuple(_moved_by(change, h) for change in changes)
-    if any(change.form == "drift" for change in changes):
-        return changes
-    h, n, tosses = h.without(*(change.effect.name for change in changes)), len(recorded.tosses), recorded.tosses
-    if _about_last_corners(recorded, h):
-        tosses = ending_at_origin(tosses, h.base.object)
-    windows = partial(windows_within, tosses, h.base.object, settings=recorded.settings.likelihood)
-    return fitted_together(collect(windows((0, n)), h, n_threads=recorded.n_threads), changes, windows)
+
+    def with_rest(change: Change) -> Change:
+        """With what the corrected tosses still show of its effect, the same in all."""
+        name = change.effect.name
+        return change.shifted(h.values_of(name) - h.nominal_of(name)) if name in h.names else change
+
+    return _fitted_together(recorded, h.without(*(c.effect.name for c in changes)), tuple(map(with_rest, changes)))
+
+
+def _fitted_together(problem: Problem, h: Hypothesis, changes: tuple[Change, ...]) -> tuple[Change, ...]:
+    """Changes that are fitted together; what they do to places of rest is no slow error of the tracker."""
+    if not changes:
+        return ()
+    windows = problem.windows_of(problem.tosses, _corrected(problem, _correctable(changes)).tosses)
+    return fitted_together(collect(windows, h, n_threads=problem.n_threads), changes)
 
 
 def _changes(problem: Problem, found: Found, undone: Sequence[Change]) -> tuple[OverOrder, tuple[Change, ...]]:
@@ -105,18 +114,16 @@ def _changes(problem: Problem, found: Found, undone: Sequence[Change]) -> tuple[
     if p_value > LEVEL:
         return OverOrder((), p_value, None), ()
     h = found.hypothesis
-    looked = _changes_beside(problem, h.without(*h.names), undone)
-    wrong = _correctable(looked)
-    if not wrong and h.effects:
-        looked = _changes_beside(problem, h, undone)
-        wrong = _correctable(looked)
-    if not looked.changes and looked.place is not None:
-        looked = replace(looked, left=p_value)
-    return looked, wrong
+    change = _changes_beside(problem, h.without(*h.names), undone)
+    if not _correctable(change.changes) and h.effects:
+        change = _changes_beside(problem, h, undone)
+    if not change.changes and change.place is not None:
+        change = replace(change, left=p_value)
+    return change, _correctable(change.changes)
 
 
-def _correctable(looked: OverOrder) -> tuple[Change, ...]:
-    return tuple(change for change in looked.changes if change.effect.name in CORRECTABLE)
+def _correctable(changes: Sequence[Change]) -> tuple[Change, ...]:
+    return tuple(change for change in changes if change.effect.name in CORRECTABLE)
 
 
 def _p_value(found: Found, problem: Problem) -> float:
@@ -126,40 +133,24 @@ def _p_value(found: Found, problem: Problem) -> float:
         last[bool(each.before.evidence.windows.free.all())] = each
     effects = list[list[Where]]()
     for each in last.values():
-        columns, active, before = each.screening.columns, each.screening.active, each.before
-        own = (np.asarray(before.columns_of(name), dtype=int) for name in before.hypothesis.names)
-        effects += [[(columns, np.setdiff1d(active, one), one)] for one in own if len(one)]
-        candidates = (c for c in each.screening.candidates if c.effect is not None)
-        effects += [[(columns, active, start.columns) for start in c.starts] for c in candidates]
+        effects += [one.where(each.screening.columns) for one in may_change(each.before, each.screening)]
     return float(change_p_values(effects, _boundaries(problem), problem.seed)[0].min())
 
 
 def _changes_beside(problem: Problem, h: Hypothesis, undone: Sequence[Change]) -> OverOrder:
     """What changes beside a hypothesis, all effects of which may. That anything does has been tested."""
-    n, model, library, tosses = len(problem.tosses), h.base.object, problem.library, problem.tosses
-    if _about_last_corners(problem, h):
-        # where all tosses end at one place, none says how a force depends on it
-        library = tuple(effect for effect in library if not effect.of_place)
-        tosses = ending_at_origin(tosses, model)
     # what is left of a change that was undone is no change of another effect that does the same
-    library = tuple(effect for effect in library if not _is_undone(effect, undone))
+    library = tuple(effect for effect in problem.library if not _is_undone(effect, undone))
     held = frozenset(effect.name for effect in h.effects if _is_undone(effect, undone))
-    windows = partial(windows_within, tosses, model, settings=problem.settings.likelihood)
-    evidence = collect(windows((0, n)), h, n_threads=problem.n_threads)
+    n, evidence = len(problem.tosses), problem.sample.evidence(h)
     present = fit(evidence, h, n=n, iterations=0, held=held)
     screening = screen(evidence, library, n=n, free=present.free, rng=np.random.default_rng(problem.seed))
-    return over_order(
-        present, screening, boundaries=_boundaries(problem), windows=windows, seed=problem.seed, level=SHOWN
-    )
+    found = over_order(present, screening, boundaries=_boundaries(problem), seed=problem.seed, level=SHOWN)
+    return replace(found, changes=_fitted_together(problem, h, found.changes))
 
 
 def _is_undone(effect: Effect, changes: Sequence[Change]) -> bool:
-    return any(alike(change.effect, effect) for change in changes)
-
-
-def _about_last_corners(problem: Problem, h: Hypothesis) -> bool:
-    """Whether a change turns each toss about its last lowest corner; what depends on place needs it where it was."""
-    return problem.own_heights and not any(effect.of_place for effect in h.effects)
+    return any(overlap(change.effect, effect) for change in changes)
 
 
 def _boundaries(problem: Problem) -> tuple[int, ...]:
@@ -186,8 +177,11 @@ def _corrected(recorded: Problem, changes: Sequence[Change]) -> Problem:
     worlds = [_world(right, changes, i) for i in range(len(recorded.tosses))]
     away = _ranks(recorded, recorded.unseen)[:, None] - _ranks(recorded, recorded.tosses)
     nearest = np.abs(away).argmin(1) if len(away) else []
-    how = partial(corrected_tosses, right=right, own_heights=recorded.own_heights)
-    return recorded.of(how(recorded.tosses, worlds), how(recorded.unseen, [worlds[i] for i in nearest]))
+
+    def back(tosses: Sequence[Toss], wrong: Sequence[World]) -> tuple[Toss, ...]:
+        return tuple(corrected(toss, own, right) for toss, own in zip(tosses, wrong, strict=True))
+
+    return recorded.of(back(recorded.tosses, worlds), back(recorded.unseen, [worlds[i] for i in nearest]))
 
 
 def _world(base: World, changes: Sequence[Change], toss: int, same: Change | None = None) -> World:
@@ -196,20 +190,6 @@ def _world(base: World, changes: Sequence[Change], toss: int, same: Change | Non
         values = change.values.mean(0) if change is same else change.values[toss]
         base = change.effect.at(base, values)
     return base
-
-
-def _moved_by(change: Change, h: Hypothesis) -> Change:
-    """A change with what the corrected tosses still show of its effect, the same in all."""
-    name = change.effect.name
-    if name not in h.names:
-        return change
-    by = h.values_of(name) - h.nominal_of(name)
-
-    def moved(stretch: Stretch) -> Stretch:
-        at = zip(stretch.values.items(), by.tolist(), strict=True)
-        return replace(stretch, values={key: Interval(x.value + d, x.low + d, x.high + d) for (key, x), d in at})
-
-    return replace(change, values=change.values + by, stretches=tuple(map(moved, change.stretches)))
 
 
 def corrections(undone: Undone) -> dict[str, str]:
@@ -260,9 +240,7 @@ def findings_over_order(undone: Undone, recorded: Sequence[Toss]) -> tuple[Findi
         return ()
     problem, n, threads = undone.problem, len(recorded), undone.problem.n_threads
     stated, width, h = problem.stated, problem.stated.base.object.width, undone.found.hypothesis
-    about_corners = _about_last_corners(problem, h)
-    tosses = ending_at_origin(recorded, stated.base.object) if about_corners else tuple(recorded)
-    windows = problem.windows_of(tosses, problem.tosses)
+    windows = problem.windows_of(recorded, problem.tosses)
     floor, kept = noise_floor(windows), h.without(*(change.effect.name for change in changes))
     # tosses between which nothing changes are in one world
     values = np.concatenate([change.values for change in changes], axis=1)
@@ -283,7 +261,7 @@ def findings_over_order(undone: Undone, recorded: Sequence[Toss]) -> tuple[Findi
         """How a change moves whole tosses: its value in each against its mean, from the same first states."""
         apart = list[Array]()
         for numbers in groups:
-            some, own = [tosses[i] for i in numbers.tolist()], windows.of_tosses(numbers)
+            some, own = [recorded[i] for i in numbers.tolist()], windows.of_tosses(numbers)
             worlds = [found(numbers, same).world() for same in (None, change)]
             first = first_states(some, worlds[0], own, n_threads=threads)
             one, other = (whole_motions(some, world, first, own, threads) for world in worlds)
@@ -298,7 +276,7 @@ def findings_over_order(undone: Undone, recorded: Sequence[Toss]) -> tuple[Findi
             "identified",
             stated.world(),
             {"gain": change.gain, "p_value": change.p_value, "n_tosses": float(n)},
-            parameters=mean_over_order(change),
+            parameters=change.mean(),
             gap_closed=ratio_over_tosses(excess([(found(each, change), each) for each in groups]) - left, whole),
             felt=felt(change),
             over_order=_in_words(change, recorded, undone=k < len(undone.changes)),
@@ -313,24 +291,3 @@ def _in_words(change: Change, tosses: Sequence[Toss], *, undone: bool) -> report
         for each in change.stretches
     )
     return report.OverOrder(change.form, stretches, change.rate, change.p_value, undone)
-
-
-def mean_over_order(change: Change) -> dict[str, Interval]:
-    """Parameters of a change, means over all tosses.
-
-    Args:
-        change: The change.
-    """
-    out, n = dict[str, Interval](), len(change.values)
-    for k, p in enumerate(change.effect.parameters):
-        halves = np.array([0.5 * (each.values[p.name].high - each.values[p.name].low) for each in change.stretches])
-        if change.form == "drift":
-            # of a line, half the squared ends' errors is that of its middle and of what its slope adds there
-            rate = change.rate[p.name]
-            half = np.sqrt(max(0.5 * (halves**2).sum() - (0.25 * (n - 1) * (rate.high - rate.low)) ** 2, 0.0))
-        else:
-            share = np.array([each.stop - each.first for each in change.stretches]) / n
-            half = np.sqrt((share**2 * halves**2).sum())
-        mean = float(change.values[:, k].mean())
-        out[p.name] = Interval(mean, mean - float(half), mean + float(half))
-    return out

@@ -31,7 +31,6 @@ class Problem:
         unseen: Other tosses of the same recording, which take no part and are judged in one pass at the end.
         names: Of all these tosses in the order of their recording; empty: as they are given, the unseen ones last.
         sessions: Names of the first tosses of sessions that the dataset has, but for the first.
-        own_heights: Whether the tosses' heights were set one by one.
         under_way: Told what is known as soon as it is.
         settings: Of everything else. Its `seed` and `threads` are not read here.
     """
@@ -45,7 +44,6 @@ class Problem:
     unseen: Sequence[Toss] = ()
     names: Sequence[str] = ()
     sessions: Sequence[str] = ()
-    own_heights: bool = False
     under_way: UnderWay = field(default_factory=UnderWay)
     settings: DiagnoseSettings = field(default_factory=DiagnoseSettings)
 

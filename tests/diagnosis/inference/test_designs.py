@@ -38,12 +38,12 @@ def simulated(
 
 def test_steps_of_a_design_are_least_squares_beside_the_active_columns() -> None:
     columns, J, e = simulated(np.repeat([0.0, 2.0], [9, 11]), seed=0)
-    some = designed(columns, np.array([1]), np.array([0, 2]), steps_at((0, 9, 20)))
+    some = designed(columns, np.array([1]), (np.array([0, 2]), steps_at((0, 9, 20))))
     late = (np.arange(20) >= 9)[:, None, None]
     X = np.concatenate([J[..., [1]], J[..., [0, 2]] * ~late, J[..., [0, 2]] * late], axis=-1)
     assert some.step() == pytest.approx(np.linalg.lstsq(X.reshape(-1, 5), -e.ravel())[0], rel=1e-6)
     assert some.step()[[1, 3]] == pytest.approx([0.0, 2.0], abs=0.3)
-    line = designed(columns, NO, np.array([0]), line_over(20)).step()
+    line = designed(columns, NO, (np.array([0]), line_over(20))).step()
     X = np.stack([J[..., 0], J[..., 0] * (np.arange(20) - 9.5)[:, None]], axis=-1)
     assert line == pytest.approx(np.linalg.lstsq(X.reshape(-1, 2), -e.ravel())[0], rel=1e-6)
 

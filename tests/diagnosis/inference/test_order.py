@@ -14,7 +14,8 @@ from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.order import OverOrder, over_order
 from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.inference.screening import Screening, screen
-from tossid.diagnosis.inference.stretches import windows_within
+from tossid.diagnosis.inference.stretches import fitted_together
+from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
 from tossid.types import Toss
@@ -27,7 +28,7 @@ def tosses_of(cube: ObjectModel, worlds: Sequence[World], frames: int = 60) -> l
 
 
 def beside_nothing(cube: ObjectModel, tosses: list[Toss], stated: Hypothesis) -> tuple[Fit, Screening]:
-    sample = Sample(windows_within(tosses, cube, (0, len(tosses))), len(tosses))
+    sample = Sample(make_windows(tosses, cube), len(tosses))
     first = sample.evidence(stated)
     screening = screen(first, LIBRARY, n=sample.n, rng=np.random.default_rng(0))
     return sample.evaluated(first), screening
@@ -39,8 +40,8 @@ def cleaned(cube: ObjectModel) -> list[Toss]:
     return tosses_of(cube, [World(cube)] * 10 + [with_effect(cube, "friction", [0.26])] * 14)
 
 
-def only_friction_steps(found: OverOrder) -> None:
-    (change,) = found.changes
+def only_friction_steps(found: OverOrder, present: Fit) -> None:
+    (change,) = fitted_together(present.evidence, found.changes)
     assert (change.effect.name, change.form) == ("friction", "steps")
     assert [stretch.first for stretch in change.stretches] == [0, 10]
     before, after = (stretch.values["mu"] for stretch in change.stretches)
@@ -55,28 +56,29 @@ def only_friction_steps(found: OverOrder) -> None:
 
 
 def test_a_step_is_found_at_its_place_with_its_size(cube: ObjectModel, stated: Hypothesis, cleaned: list[Toss]) -> None:
-    only_friction_steps(over_order(*beside_nothing(cube, cleaned, stated)))
+    present, screening = beside_nothing(cube, cleaned, stated)
+    only_friction_steps(over_order(present, screening), present)
 
 
 def test_an_effect_of_the_hypothesis_may_change_too(cube: ObjectModel, stated: Hypothesis, cleaned: list[Toss]) -> None:
-    sample = Sample(windows_within(cleaned, cube, (0, 24)), 24)
+    sample = Sample(make_windows(cleaned, cube), 24)
     same = stated.plus(EFFECTS["friction"], np.array([0.22]))
     present = sample.refitted(sample.evidence(same), same, iterations=3)
     rng = np.random.default_rng(0)
     screening = screen(present.evidence, LIBRARY, n=24, free=present.free, rng=rng)
-    only_friction_steps(over_order(present, screening))
+    only_friction_steps(over_order(present, screening), present)
 
 
 def test_an_effect_of_the_hypothesis_and_another_may_change(cube: ObjectModel, stated: Hypothesis) -> None:
     slippery = with_effect(cube, "friction", [0.26])
     tilted = EFFECTS["world_tilt"].at(slippery, np.array([0.03, -0.02]))
     tosses = tosses_of(cube, [World(cube)] * 12 + [tilted] * 12)
-    sample = Sample(windows_within(tosses, cube, (0, 24)), 24)
+    sample = Sample(make_windows(tosses, cube), 24)
     same = stated.plus(EFFECTS["friction"], np.array([0.22]))
     present = sample.refitted(sample.evidence(same), same, iterations=3)
     screening = screen(present.evidence, LIBRARY, n=24, free=present.free, rng=np.random.default_rng(0))
     found = over_order(present, screening, boundaries=(12,))
-    last = {change.effect.name: change.stretches[-1] for change in found.changes}
+    last = {change.effect.name: change.stretches[-1] for change in fitted_together(present.evidence, found.changes)}
     assert set(last) == {"friction", "world_tilt"}
     assert last["friction"].values["mu"].value == pytest.approx(0.26, abs=0.01)
     assert last["world_tilt"].values["x_rad"].value == pytest.approx(0.03, abs=5e-4)

@@ -37,20 +37,22 @@ Where = tuple[Columns, Index, Index]
 """Columns of tosses in the order of recording, the numbers of the active ones, and those of an effect's own."""
 
 
-def designed(columns: Columns, active: Index, own: Index, design: Array) -> Columns:
-    """Columns of active parameters and of B (A + q P): an effect's parameters are design_i B in toss i.
+def designed(columns: Columns, active: Index, *changing: tuple[Index, Array]) -> Columns:
+    """Columns of active parameters, and of the coefficients B of effects whose parameters are X_i B in toss i.
 
     Args:
         columns: Of all.
         active: (A,) numbers of the columns whose parameters are the same in all tosses.
-        own: (P,) numbers of the effect's columns.
-        design: (n, q).
+        *changing: Of each effect, (P,) numbers of its columns, and its design X (n, q). It has q P coefficients.
     """
-    part = columns.part(np.concatenate([active, own]))
-    A, P, (n, q) = len(active), len(own), design.shape
-    E = np.zeros((n, A + P, A + q * P))
-    E[:, :A, :A] = np.eye(A)
-    E[:, A:, A:] = np.einsum("nq,ij->niqj", design, np.eye(P)).reshape(n, P, q * P)
+    part, n = columns.part(np.concatenate([active, *(own for own, _ in changing)])), columns.n
+    every = [(len(active), np.ones((n, 1))), *((len(own), X) for own, X in changing)]
+    E, row, column = np.zeros((n, part.g.shape[1], sum(P * X.shape[1] for P, X in every))), 0, 0
+    for P, X in every:
+        width = P * X.shape[1]
+        block = np.einsum("nq,ij->niqj", X, np.eye(P)).reshape(n, P, width)
+        E[:, row : row + P, column : column + width] = block
+        row, column = row + P, column + width
     return Columns(np.einsum("nia,nij,njb->nab", E, part.H, E), np.einsum("nia,ni->na", E, part.g), part.curvature)
 
 
@@ -81,7 +83,7 @@ def gain_of(columns: Columns, active: Index, own: Index, design: Array) -> float
         own: Numbers of the effect's columns.
         design: (n, q).
     """
-    some = designed(columns, active, own, design)
+    some = designed(columns, active, (own, design))
     return float(some.gains(some.left_out()).sum())
 
 
@@ -102,7 +104,7 @@ def normal_scores(columns: Columns, active: Index, own: Index) -> Array:
         active: Numbers of the active columns.
         own: Numbers of the effect's columns.
     """
-    joint = designed(columns, active, own, np.ones((columns.n, 1)))
+    joint = designed(columns, active, (own, np.ones((columns.n, 1))))
     after = Columns(joint.H, joint.g + joint.H @ joint.step(), joint.curvature)
     raw, _ = after.scores(np.arange(len(active), joint.g.shape[1]), np.arange(len(active)))
     size = np.sqrt(columns.H[:, own, own])

@@ -9,7 +9,7 @@ for each stretch.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -20,6 +20,7 @@ from tossid.diagnosis.inference.columns import Columns, slopes, sums
 from tossid.diagnosis.inference.designs import (
     FEWEST,
     LEVEL,
+    Where,
     change_p_values,
     enough,
     gain_of,
@@ -30,14 +31,13 @@ from tossid.diagnosis.inference.evidence import Evidence, collect, log_likelihoo
 from tossid.diagnosis.inference.fitting import Fit, fit
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.screening import Screening, Start
-from tossid.diagnosis.inference.stretches import Blocks, Change, fitted_together
-from tossid.diagnosis.likelihood.windows import Windows
+from tossid.diagnosis.inference.stretches import Blocks, Change
 from tossid.physics.effects import Effect
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-SUSPECTS, ROUNDS = 4, 3
+FITTED, ROUNDS = 4, 3
 """Effects that are fitted in a round, and effects that change at most."""
 ITERATIONS = 4
 """Most steps of a fit to a block."""
@@ -53,7 +53,7 @@ SHOWN = 0.05
 """P-value, adjusted for all effects, up to which an effect may be the one that changes."""
 
 
-def alike(one: Effect, other: Effect) -> bool:
+def overlap(one: Effect, other: Effect) -> bool:
     """Whether an effect may do what another leaves when it has changed: it does the same, or one is part of the other.
 
     Args:
@@ -80,12 +80,43 @@ class OverOrder:
 
 
 @dataclass(frozen=True)
-class _Suspect:
-    """An effect with its starts, and the columns that are active beside it."""
+class MayChange:
+    """An effect that may change over the order.
+
+    Attributes:
+        effect: The effect.
+        starts: Its columns, of each of its starts.
+        active: Numbers of the columns of other effects, which are the same in all tosses.
+    """
 
     effect: Effect
     starts: tuple[Start, ...]
     active: Index
+
+    def where(self, columns: Columns) -> list[Where]:
+        """Where its columns are among all, for each of its starts.
+
+        Args:
+            columns: All of them.
+        """
+        return [(columns, self.active, start.columns) for start in self.starts]
+
+
+def may_change(present: Fit, screening: Screening) -> tuple[MayChange, ...]:
+    """The effects of a hypothesis whose values are free, and those of the library beside it.
+
+    Args:
+        present: The hypothesis.
+        screening: The library beside it.
+    """
+    h, active = present.hypothesis, screening.active
+    columns_of = {name: np.asarray(present.columns_of(name), dtype=int) for name in h.names}
+    ours = (
+        MayChange(h.effect(name), (Start(h, own, False),), np.setdiff1d(active, own))
+        for name, own in columns_of.items()
+        if len(own)
+    )
+    return (*ours, *(MayChange(c.effect, c.starts, active) for c in screening.candidates if c.effect is not None))
 
 
 def _with(part: Evidence, effect: Effect, values: Array | None) -> Hypothesis:
@@ -95,36 +126,39 @@ def _with(part: Evidence, effect: Effect, values: Array | None) -> Hypothesis:
 
 
 @dataclass(frozen=True)
-class _Beside:
-    """Tosses in their order, each under the hypothesis of its part, and columns of what may change beside that."""
+class _Segments:
+    """Tosses in their order, in parts under a hypothesis each, and columns of what may change beside that."""
 
     parts: tuple[Evidence, ...]
     edges: tuple[int, ...]
     columns: Columns
-    suspects: tuple[_Suspect, ...]
+    candidates: tuple[MayChange, ...]
 
     def part_of(self, a: int, b: int) -> Evidence:
         """The evidence of tosses of one part."""
         k = int(np.searchsorted(self.edges, a, side="right")) - 1
         return self.parts[k].of_tosses(np.arange(a, b) - self.edges[k])
 
-    def changed(self, change: Change, windows: Callable[[Sequence[int]], Windows] | None = None) -> _Beside:
+    def changed(self, change: Change) -> _Segments:
         """With a change in each part's world, and the columns that there are without."""
-        effect, name, parts = change.effect, change.effect.name, list[Evidence]()
-        new = np.flatnonzero(np.any(np.diff(change.values, axis=0) != 0, axis=1)) + 1
+        effect, values, parts = change.effect, change.values, list[Evidence]()
+        new = np.flatnonzero(np.any(np.diff(values, axis=0) != 0, axis=1)) + 1
         edges = tuple(sorted({*self.edges, *new.tolist()}))
-        all_windows = None if windows is None else windows(edges)
         for a, b in pairwise(edges):
             part = self.part_of(a, b)
-            h = replace(part.hypothesis.without(name), base=effect.at(part.hypothesis.base, change.values[a]))
-            own = part.windows if all_windows is None else all_windows.of_tosses(np.arange(a, b))
-            parts.append(collect(own, h, n_threads=part.n_threads))
+            h = replace(part.hypothesis.without(effect.name), base=effect.at(part.hypothesis.base, values[a]))
+            parts.append(collect(part.windows, h, n_threads=part.n_threads))
         return replace(self, parts=tuple(parts), edges=edges)
 
-    def after(self, change: Change, fitted: Fit, windows: Callable[[Sequence[int]], Windows] | None) -> _Beside:
+    def gain_over(self, other: _Segments) -> float:
+        """Gain of log-likelihood over other hypotheses of the same tosses, which have no further parts."""
+        ends = zip(self.parts, pairwise(self.edges), strict=True)
+        return sum(float(log_likelihood_ratio(part, other.part_of(a, b)).sum()) for part, (a, b) in ends)
+
+    def after(self, change: Change, fitted: Fit) -> _Segments:
         """With a change in each part's world. What is left of it is no effect that does the same."""
-        name, there, sums_of = change.effect.name, self.changed(change, windows), list[Columns]()
-        kept = tuple(s for s in self.suspects if not alike(change.effect, s.effect))
+        name, there, sums_of = change.effect.name, self.changed(change), list[Columns]()
+        kept = tuple(c for c in self.candidates if not overlap(change.effect, c.effect))
         owners = [owner for j, owner in enumerate(fitted.hypothesis.owners) if j in fitted.free]
         free = [owner for owner in owners if owner in self.parts[0].hypothesis.names and owner != name]
         for part, (a, b) in zip(there.parts, pairwise(there.edges), strict=True):
@@ -132,19 +166,22 @@ class _Beside:
             for each in dict.fromkeys(free):
                 place = part.hypothesis.place_of(each)
                 J[..., fitted.columns_of(each)] = slopes(part, part.hypothesis, range(place.start, place.stop))
-            for s, start in ((each, start) for each in kept for start in each.starts if each.effect.name not in free):
-                h = _with(part, s.effect, start.hypothesis.values_of(s.effect.name))
-                place = h.place_of(s.effect.name)
-                secant = (part.residuals_of(h) - part.residuals)[..., None] if start.secant else None
-                J[..., start.columns] = slopes(part, h, range(place.start, place.stop)) if secant is None else secant
+            for c, start in ((each, start) for each in kept for start in each.starts if each.effect.name not in free):
+                h = _with(part, c.effect, start.hypothesis.values_of(c.effect.name))
+                place = h.place_of(c.effect.name)
+                J[..., start.columns] = (
+                    (part.residuals_of(h) - part.residuals)[..., None]
+                    if start.secant
+                    else slopes(part, h, range(place.start, place.stop))
+                )
             sums_of.append(sums(part, J, b - a))
-        return replace(there, columns=_joined(sums_of), suspects=kept)
+        return replace(there, columns=_joined(sums_of), candidates=kept)
 
     def gain_of_constant(self, change: Change) -> float:
         """What an effect that may change gains by values that all tosses have, fitted from the likeliest known ones."""
 
         def gain(parts: Sequence[Evidence]) -> float:
-            return sum(float(log_likelihood_ratio(*two).sum()) for two in zip(parts, self.parts, strict=True))
+            return replace(self, parts=tuple(parts)).gain_over(self)
 
         effect, known = change.effect, (None, change.values[0], change.values[-1], change.values.mean(0))
         starts = [[part.relinearised(_with(part, effect, values), steps=3) for part in self.parts] for values in known]
@@ -167,30 +204,32 @@ def _joined(columns: Sequence[Columns]) -> Columns:
     return Columns(H, g, columns[0].curvature)
 
 
-def _locally(beside: _Beside, suspect: _Suspect, edges: Iterable[int]) -> Blocks:
+def _fitted_to_blocks(segments: _Segments, candidate: MayChange, edges: Iterable[int]) -> Blocks:
     """An effect fitted to blocks of few tosses, none of which has an edge within, each from where its columns lead."""
-    name, gain, made = suspect.effect.name, 0.0, list[Fit]()
-    size = np.array([p.step for p in suspect.effect.parameters])
-    for first, stop in pairwise(sorted({*beside.edges, *edges})):
+    name, gain, fits = candidate.effect.name, 0.0, list[Fit]()
+    size = np.array([p.step for p in candidate.effect.parameters])
+    for first, stop in pairwise(sorted({*segments.edges, *edges})):
         blocks = np.linspace(first, stop, max((stop - first) // FEWEST, 1) + 1).round().astype(int)
         for a, b in pairwise(blocks.tolist()):
-            part, begun = beside.part_of(a, b), list[Hypothesis]()
-            for start in suspect.starts:
-                columns = beside.columns.part(start.columns).of_tosses(a, b)
+            part, starts = segments.part_of(a, b), list[Hypothesis]()
+            for start in candidate.starts:
+                columns = segments.columns.part(start.columns).of_tosses(a, b)
                 values, step = start.hypothesis.values_of(name), np.clip(columns.step(), -100, 100)
-                begun.append(_with(part, suspect.effect, values if start.secant else values + step * size))
+                starts.append(_with(part, candidate.effect, values if start.secant else values + step * size))
             if name in part.hypothesis.names:
-                begun.append(part.hypothesis)
-            if made:
-                begun.append(_with(part, suspect.effect, made[-1].hypothesis.values_of(name)))
-            near = max((_reached(part, h) for h in begun), key=lambda e: float(log_likelihood_ratio(e, part).sum()))
+                starts.append(part.hypothesis)
+            if fits:
+                starts.append(_with(part, candidate.effect, fits[-1].hypothesis.values_of(name)))
+            near = max(
+                (_evidence_at(part, h) for h in starts), key=lambda e: float(log_likelihood_ratio(e, part).sum())
+            )
             held = frozenset(near.hypothesis.names) - {name}
-            made.append(fit(near, near.hypothesis, n=b - a, iterations=ITERATIONS, held=held))
-            gain += float(log_likelihood_ratio(made[-1].evidence, part).sum())
-    return Blocks.of(suspect.effect, made, gain)
+            fits.append(fit(near, near.hypothesis, n=b - a, iterations=ITERATIONS, held=held))
+            gain += float(log_likelihood_ratio(fits[-1].evidence, part).sum())
+    return Blocks.of(candidate.effect, fits, gain)
 
 
-def _reached(part: Evidence, h: Hypothesis) -> Evidence:
+def _evidence_at(part: Evidence, h: Hypothesis) -> Evidence:
     """The evidence of a hypothesis far away: from the recording, where the first states of the present one feel none.
 
     Objects that rest above the stated ground do not feel that it is somewhat higher.
@@ -200,7 +239,7 @@ def _reached(part: Evidence, h: Hypothesis) -> Evidence:
 
 
 @dataclass(frozen=True)
-class _Made:
+class _Fitted:
     """A change, what it gains and what a gain counts, and the tosses with it.
 
     A gain over the effect's own constant value lacks what that takes of the change, more for one effect than for
@@ -211,127 +250,94 @@ class _Made:
     gain: float
     weight: float
     change: Change
-    there: _Beside
+    there: _Segments
 
-    def weighed(self, constant: Change | None = None) -> float:
-        """The weighed gain, beside a constant value of another effect if given."""
+    def weighted(self, constant: Change | None = None) -> float:
+        """The weighted gain, beside a constant value of another effect if given."""
         return self.weight * (self.gain + (0.0 if constant is None else self.there.gain_of_constant(constant)))
 
 
 def _likeliest(
-    beside: _Beside, p_values: Array, places: Array, known: Sequence[int], seed: int, only: str = ""
+    segments: _Segments, p_values: Array, places: Array, known: Sequence[int], seed: int, only: str = ""
 ) -> Change | None:
     """The effect whose change explains most; None if none does."""
-    n, made = beside.columns.n, list[_Made]()
+    n, fitted, candidates = segments.columns.n, list[_Fitted](), segments.candidates
 
     def weight(effect: Effect) -> float:
         return LIKELY.get(effect.family, OF_WORLD)
 
-    def closed(s: _Suspect, start: Start) -> float:
+    def in_closed_form(c: MayChange, start: Start) -> float:
         """The gain of a change over a constant value, with derivatives at one hypothesis."""
-        where = beside.columns, s.active, start.columns
+        where = segments.columns, c.active, start.columns
         change = max(with_step(*where, (0, n), known)[0], gain_of(*where, line_over(n)))
-        return weight(s.effect) * (change - gain_of(*where, np.ones((n, 1))))
-
-    likely = [k for k, s in enumerate(beside.suspects) if only == s.effect.name or (not only and p_values[k] <= SHOWN)]
-    gains = {k: max(closed(beside.suspects[k], start) for start in beside.suspects[k].starts) for k in likely}
+        return weight(c.effect) * (change - gain_of(*where, np.ones((n, 1))))
 
     def fit_in_form(k: int) -> None:
-        suspect, place = beside.suspects[k], int(places[k])
-        local = _locally(beside, suspect, (place,))
-        edges = local.form(known, seed)
+        candidate, place = candidates[k], int(places[k])
+        blocks = _fitted_to_blocks(segments, candidate, (place,))
+        edges = blocks.form(known, seed)
         if edges is not None and place not in edges:
-            local = _locally(beside, suspect, edges)
-            edges = local.form(known, seed)
-        change = local.described(edges, float(p_values.min()), 0.0)
-        there = beside.changed(change)
-        ends = zip(there.parts, pairwise(there.edges), strict=True)
-        gain = sum(float(log_likelihood_ratio(part, beside.part_of(a, b)).sum()) for part, (a, b) in ends)
-        gain -= local.cost(edges, known)
-        over_constant = gain - beside.gain_of_constant(change)
+            blocks = _fitted_to_blocks(segments, candidate, edges)
+            edges = blocks.form(known, seed)
+        change = blocks.change(edges, float(p_values.min()))
+        there = segments.changed(change)
+        gain = there.gain_over(segments) - blocks.optimism(edges, known)
+        over_constant = gain - segments.gain_of_constant(change)
         if over_constant > LEAST_GAIN:
-            made.append(_Made(gain, weight(suspect.effect), replace(change, gain=over_constant), there))
+            fitted.append(_Fitted(gain, weight(candidate.effect), replace(change, gain=over_constant), there))
 
-    tried = sorted(likely, key=lambda k: -gains[k])[:SUSPECTS]
+    likely = [k for k, c in enumerate(candidates) if only == c.effect.name or (not only and p_values[k] <= SHOWN)]
+    gains = {k: max(in_closed_form(candidates[k], start) for start in candidates[k].starts) for k in likely}
+    tried = sorted(likely, key=lambda k: -gains[k])[:FITTED]
     for k in tried:
         fit_in_form(k)
-    if not made:
+    if not fitted:
         return None
-    best = max(made, key=_Made.weighed).change.effect
+    best = max(fitted, key=_Fitted.weighted).change.effect
     near = best.one_of_group | best.made_of | {*best.contains}
-    for k, suspect in enumerate(beside.suspects):
-        if k not in tried and suspect.effect.name in near:
+    for k, candidate in enumerate(candidates):
+        if k not in tried and candidate.effect.name in near:
             fit_in_form(k)
-    chosen, *others = sorted(made, key=_Made.weighed, reverse=True)
+    chosen, *others = sorted(fitted, key=_Fitted.weighted, reverse=True)
     for each in others:
-        chosen = each if each.weighed(chosen.change) > chosen.weighed(each.change) else chosen
+        chosen = each if each.weighted(chosen.change) > chosen.weighted(each.change) else chosen
     while inner := [
-        e for e in made if e.change.effect.name in chosen.change.effect.contains and e.gain > SPECIAL * chosen.gain
+        e for e in fitted if e.change.effect.name in chosen.change.effect.contains and e.gain > SPECIAL * chosen.gain
     ]:
         chosen = max(inner, key=lambda each: each.gain)
     return chosen.change
 
 
 def over_order(
-    present: Fit,
-    screening: Screening,
-    *,
-    boundaries: Sequence[int] = (),
-    windows: Callable[[Sequence[int]], Windows] | None = None,
-    seed: int = 0,
-    level: float = LEVEL,
+    present: Fit, screening: Screening, *, boundaries: Sequence[int] = (), seed: int = 0, level: float = LEVEL
 ) -> OverOrder:
-    """What changes over the order of recording, beside a hypothesis.
+    """What changes over the order of recording beside a hypothesis, as it was found one effect after the other.
 
     Args:
         present: The hypothesis, whose tosses are in the order of recording.
         screening: The library beside it.
         boundaries: First tosses of sessions of the dataset, but for the first session.
-        windows: Of all tosses, given the edges of stretches between which something has changed: a tracker's slow
-            errors are what scatters within stretches (`windows_within`). If None, they stay as they are.
         seed: Of the orders that are drawn.
         level: Of the first change; of further ones it is `LEVEL`.
     """
-    found = _sought(present, screening, tuple(boundaries), windows, seed, level)
-    if not found.changes or any(change.form == "drift" for change in found.changes):
-        return found
-    return replace(found, changes=fitted_together(present.evidence, found.changes, windows))
-
-
-def _sought(
-    present: Fit,
-    screening: Screening,
-    boundaries: Sequence[int],
-    windows: Callable[[Sequence[int]], Windows] | None,
-    seed: int,
-    level: float,
-) -> OverOrder:
-    """What changes, with values as they were found one effect after the other."""
-    h, active, changes = present.hypothesis, screening.active, list[Change]()
-    columns_of = {name: np.asarray(present.columns_of(name), dtype=int) for name in h.names}
-    suspects = [
-        _Suspect(h.effect(name), (Start(h, own, False),), np.setdiff1d(active, own))
-        for name, own in columns_of.items()
-        if len(own)
-    ]
-    suspects += [_Suspect(c.effect, c.starts, active) for c in screening.candidates if c.effect is not None]
-    alone = beside = _Beside((present.evidence,), (0, present.n), screening.columns, tuple(suspects))
-    while enough(present.n) and beside.suspects:
-        effects = [[(beside.columns, s.active, start.columns) for start in s.starts] for s in beside.suspects]
+    changes, candidates = list[Change](), may_change(present, screening)
+    first = now = _Segments((present.evidence,), (0, present.n), screening.columns, candidates)
+    while enough(present.n) and now.candidates:
+        effects = [each.where(now.columns) for each in now.candidates]
         p_values, places = change_p_values(effects, boundaries, seed)
         left = float(p_values.min())
         if left > (LEVEL if changes else level):
             return OverOrder(tuple(changes), left, None)
-        change = _likeliest(beside, p_values, places, boundaries, seed) if len(changes) < ROUNDS else None
+        change = _likeliest(now, p_values, places, boundaries, seed) if len(changes) < ROUNDS else None
         if change is None or (changes and change.gain < LEAST_SHARE * changes[0].gain):
             return OverOrder(tuple(changes), left, int(places[p_values.argmin()]))
         if len(changes) == 1 and change.gain > changes[0].gain:
             # what gains more beside another than that alone may explain it
-            names = [s.effect.name for s in alone.suspects]
-            at = np.full(len(names), change.stretches[-1].first)
-            first = _likeliest(alone, np.full(len(names), changes[0].p_value), at, boundaries, seed, change.effect.name)
-            if first is not None and first.gain > changes[0].gain:
-                changes, beside, change = [], alone, first
+            p_value, place = changes[0].p_value, change.stretches[-1].first
+            n = len(first.candidates)
+            whole = _likeliest(first, np.full(n, p_value), np.full(n, place), boundaries, seed, change.effect.name)
+            if whole is not None and whole.gain > changes[0].gain:
+                changes, now, change = [], first, whole
         changes.append(change)
-        beside = beside.after(change, present, windows)
+        now = now.after(change, present)
     return OverOrder(tuple(changes), None, None)

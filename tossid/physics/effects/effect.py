@@ -149,7 +149,6 @@ class Effect:
         one_of_group: Names of a group of effects, this among them, each of which does what the others do together.
         needs_joints: Whether only objects with joints can have it.
         sharp_only: Whether only objects without round parts can have it.
-        of_place: Whether its force depends on where on the ground the object is.
         of_links: The form that it has for objects with joints; None for the same form.
     """
 
@@ -171,7 +170,6 @@ class Effect:
     one_of_group: frozenset[str] = frozenset()
     needs_joints: bool = False
     sharp_only: bool = False
-    of_place: bool = False
     of_links: Effect | None = None
 
     def __post_init__(self) -> None:

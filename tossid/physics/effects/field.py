@@ -64,7 +64,6 @@ POSITION_FORCE = Effect(
     contains=("uniform_force", "gravity"),
     starts=({"k_npm": 0.05}, {"k_npm": 0.5}, {"k_npm": 5.0}),
     powered=(PoweredForce.SPRING, "distance"),
-    of_place=True,
 )
 
 VORTEX = Effect(
@@ -77,7 +76,6 @@ VORTEX = Effect(
     mjcf=_NO_SUCH_FORCE,
     strength=Strength(0.1, 15.0, signed("c_npm")),
     powered=(PoweredForce.VORTEX, "distance from the axis"),
-    of_place=True,
 )
 
 TURNING_FRAME = Effect(
