@@ -107,10 +107,11 @@ def _gradient(batch: Batch, point: Point) -> tuple[np.ndarray, np.ndarray]:
     normal, columns = batch.normal(point), batch.columns
     found, numerical = np.concatenate([normal.g_s, normal.g_k.reshape(-1)]), []
     for e in 1e-6 * np.eye(len(found)):
-        ends = [
-            batch.error(batch.moved(point, step[: columns.shared], step[columns.shared :].reshape(-1, columns.own)))
+        moved = (
+            batch.moved(point, step[: columns.shared], step[columns.shared :].reshape(-1, columns.own))
             for step in (e, -e)
-        ]
+        )
+        ends = [batch.error(there).sum() for there in moved]
         numerical.append((ends[0] - ends[1]) / 2e-6)
     return found, np.array(numerical)
 
@@ -125,7 +126,7 @@ def _batch(scene_of: tuple, rng: np.random.Generator, *, spread: float = 0.0, st
     timing = replace(timing, twist=twist, free=np.ones(len(cameras), dtype=bool))
     tags = TagModel(spread, frozenset(range(len(scene.tags))))
     problem = Problem(scene, np.ones(len(scene.step), dtype=bool), priors(scene), timing=timing, tag_model=tags)
-    return Batch(problem, state, np.zeros(len(cameras)), np.arange(3), statics=statics)
+    return Batch(problem, state, np.arange(3), statics=statics)
 
 
 def _beside(batch: Batch, rng: np.random.Generator, size: float) -> Point:
@@ -273,8 +274,8 @@ class _OfOneNumber:
 
     residuals: tuple
 
-    def error(self, x: float) -> float:
-        return 0.5 * float(sum(residual(x)[0] ** 2 for residual in self.residuals))
+    def error(self, x: float) -> np.ndarray:
+        return np.array([0.5 * sum(residual(x)[0] ** 2 for residual in self.residuals)])
 
     def normal(self, x: float) -> Normal:
         r, slope = (np.array(values) for values in zip(*(residual(x) for residual in self.residuals), strict=True))
@@ -294,6 +295,30 @@ def test_two_priors_meet_at_their_weighted_mean() -> None:
 def test_damping_holds_a_step_that_would_diverge() -> None:
     """Newton's method on atan(x) diverges from |x| > 1.39."""
     assert optimise(_OfOneNumber((lambda x: (np.arctan(x), 1 / (1 + x * x)),)), 3.0) == pytest.approx(0.0, abs=1e-4)
+
+
+@dataclass(frozen=True)
+class _OfEachStep:
+    """Steps that share nothing, each with the residual atan(x - root)."""
+
+    root: np.ndarray
+
+    def error(self, x: np.ndarray) -> np.ndarray:
+        return 0.5 * np.arctan(x - self.root) ** 2
+
+    def normal(self, x: np.ndarray) -> Normal:
+        n, apart = len(x), x - self.root
+        slope = (1 / (1 + apart**2))[:, None, None]
+        return normal_equations([Rows(np.arctan(apart)[:, None], slope, np.zeros((n, 1), int), np.arange(n))], 0, n, 1)
+
+    def moved(self, x: np.ndarray, step_s: np.ndarray, step_k: np.ndarray) -> np.ndarray:
+        return x + step_k[:, 0]
+
+
+def test_steps_that_share_nothing_are_damped_alone() -> None:
+    """Undamped steps end at once near the root, and diverge from far: neither spoils the other."""
+    problem = _OfEachStep(np.array([1.0, -2.0, 5.0]))
+    np.testing.assert_allclose(optimise(problem, np.array([1.1, 3.0, 2.0])), problem.root, atol=1e-4)
 
 
 def test_an_error_that_is_never_finite_is_refused() -> None:

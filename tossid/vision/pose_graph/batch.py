@@ -85,13 +85,12 @@ class Batch:
         start: First values.
     """
 
-    def __init__(self, problem: Problem, state: State, clock: Array, steps: Ints, *, statics: bool) -> None:
+    def __init__(self, problem: Problem, state: State, steps: Ints, *, statics: bool) -> None:
         """Collect what some time steps show.
 
         Args:
             problem: What is to be solved.
             state: First poses of all steps; sightings with an unknown pose between camera and tag are left out.
-            clock: Offsets of the clocks [s], (cameras,).
             steps: Which time steps, (n,).
             statics: Whether prints and measured lengths take part, too.
         """
@@ -111,13 +110,17 @@ class Batch:
             angle[b] = hinge.angle(transform_inv(world[parent]) @ world[b])
         mount = np.repeat(state.camera[:, None], len(steps), axis=1)
         local = State(state.camera, state.tag, world, state.prints)
-        self.start = Point(local.copy(), np.where(timing.free, clock, timing.clock), angle, mount).hung(scene)
+        self.start = Point(local.copy(), timing.clock, angle, mount).hung(scene)
 
-    def error(self, point: Point) -> float:
-        """Half of the sum of squares."""
-        squares = [np.sum(rows.r**2) for rows in self._rows(point)]
-        squares += [np.sum(r**2) for _, _, (r, _, _) in self._stillness(point)]
-        return 0.5 * float(sum(squares))
+    def error(self, point: Point) -> Array:
+        """Half of the sum of squares: of each step where steps share nothing, (n,), else of all, (1,)."""
+        n, still = len(self.scene.t), list(self._stillness(point))
+        error = np.zeros(n)
+        for rows in self._rows(point):
+            error += 0.5 * np.bincount(rows.step, np.sum(rows.r**2, axis=1), minlength=n)
+        if not self.columns.shared and not still:
+            return error
+        return np.array([error.sum() + 0.5 * sum(np.sum(r**2) for _, _, (r, _, _) in still)])
 
     def normal(self, point: Point, *, scale: float = 1.0) -> Normal:
         """The normal equations.
@@ -169,7 +172,8 @@ class Batch:
         """In which steps a sighting depends on a moving body's pose, (n,)."""
         scene = self.scene
         tree = [one for one in range(len(scene.bodies)) if b in _path(scene, one)]
-        rows = np.isin(scene.body[scene.tag], tree) | np.isin(scene.rig[scene.camera], tree)
+        rig, body = scene.rig[scene.camera], scene.body[scene.tag]
+        rows = (np.isin(body, tree) | np.isin(rig, tree)) & (rig != body)
         return np.asarray(np.bincount(scene.step[rows], minlength=len(scene.t)) > 0)
 
     def _rows(self, point: Point, *, scale: float = 1.0) -> Iterator[Rows]:

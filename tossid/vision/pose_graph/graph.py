@@ -24,9 +24,6 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-INDEPENDENT_WINDOW = 60
-"""Time steps that are optimised together where steps share no unknown; the slowest of them sets how often all of them
-are linearised."""
 SAMPLED_STEPS = 20
 """Of a recording longer than a window, so many time steps of each tag and camera, at least, calibrate these."""
 
@@ -41,19 +38,17 @@ def solve(problem: Problem, state: State) -> Solution:
     Raises:
         SolverError: The optimisation does not reach a finite error.
     """
-    scene, most = problem.scene, problem.settings.stream.window
+    scene, window = problem.scene, problem.settings.stream.window
     timing = problem.timing or TimingModel.none(scene)
     steps, solution = np.unique(scene.step[problem.used]), unsolved(state, timing.clock)
     for (kind, i), _, covs, at in _statics(scene, solution):
         if problem.is_constant(kind, i):
             covs[at] = 0.0
-    together = problem.shares_unknowns or timing.free.any()
-    window = most if together else min(most, INDEPENDENT_WINDOW)
     if len(steps) <= window:
         _batch(problem, solution, steps, statics=True)
         return solution
     learned: dict[Key, Prior] = {}
-    if together:
+    if problem.shares_unknowns or timing.free.any():
         timing, learned = _calibrated(problem, solution, steps, window)
         problem = replace(problem, timing=timing, known={**problem.known, **learned})
     for a in range(0, len(steps), window):
@@ -104,7 +99,7 @@ def _statics(scene: Scene, solution: Solution) -> list[tuple[Key, Array, Array, 
 
 def _batch(problem: Problem, solution: Solution, steps: Ints, *, statics: bool) -> None:
     """Optimise some steps together, into the solution; `statics`: with prints and measured lengths."""
-    batch = Batch(problem, solution.state, solution.clock, steps, statics=statics)
+    batch = Batch(problem, solution.state, steps, statics=statics)
     point = optimise(batch, batch.start)
     found = None
     if problem.covariances:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tossid.errors import SolverError
 from tossid.kernels import kernel
-from tossid.least_squares import Damping, search_damping
+from tossid.least_squares import Damping
 from tossid.vision.pose_graph.residuals import Rows
 
 Array = NDArray[np.float64]
@@ -141,17 +141,17 @@ class Eliminated:
     cov_k: Array
 
 
-def eliminate(normal: Normal, *, damping: float = 0.0) -> Eliminated:
+def eliminate(normal: Normal, *, damping: Array | float = 0.0) -> Eliminated:
     """Solve (H + λ 1) δ = -g by eliminating the steps.
 
     Args:
         normal: The equations.
-        damping: λ.
+        damping: λ; of steps that share nothing, one of each may be given, (n,).
 
     Raises:
         SingularError: They leave an unknown undetermined.
     """
-    shared, (n, d) = len(normal.g_s), normal.g_k.shape
+    shared, (n, d), damping = len(normal.g_s), normal.g_k.shape, np.reshape(damping, (-1, 1, 1))
     H_kk = normal.H_kk + damping * np.eye(d)
     unused, i = np.nonzero(~normal.used)
     H_kk[unused, i, i] = 1.0
@@ -174,7 +174,7 @@ def eliminate(normal: Normal, *, damping: float = 0.0) -> Eliminated:
             alone[k] += gain @ alone[k + 1] @ gain.T
     X, y = Z[..., :shared], Z[..., shared]
     coupling = normal.H_ks.reshape(n * d, shared).T
-    S = normal.H_ss + damping * np.eye(shared) - coupling @ X.reshape(n * d, shared)
+    S = normal.H_ss + (damping[0] if shared else 0.0) * np.eye(shared) - coupling @ X.reshape(n * d, shared)
     cov_s = _inverse(0.5 * (S + S.T)[None], 0)[0]
     step_s = -cov_s @ (normal.g_s - coupling @ y.reshape(n * d))
     return Eliminated(step_s, -(y + X @ step_s), cov_s, alone + X @ cov_s @ np.swapaxes(X, 1, 2))
@@ -204,8 +204,8 @@ P = TypeVar("P")
 class LeastSquares(Protocol[P]):
     """A sum of squares at points of some kind."""
 
-    def error(self, point: P) -> float:
-        """Half of the sum of squares."""
+    def error(self, point: P) -> Array:
+        """Half of the sum of squares: of each step where steps share nothing, (n,), else of all, (1,)."""
 
     def normal(self, point: P) -> Normal:
         """Its normal equations."""
@@ -215,38 +215,36 @@ class LeastSquares(Protocol[P]):
 
 
 def optimise(problem: LeastSquares[P], point: P) -> P:
-    """The nearest minimum, by Levenberg's damped Gauss-Newton steps.
+    """The nearest minimum, by Levenberg's damped Gauss-Newton steps; time steps that share nothing have their own λ.
 
     Args:
         problem: What is to be minimised.
         point: Where to begin.
 
     Raises:
-        SolverError: The error at the start is not finite, and no step makes it so.
+        SolverError: An error at the start is not finite, and no step makes it so.
     """
-    error, damping = problem.error(point), 0.0
+    error = problem.error(point)
+    damping, done = np.zeros(len(error)), np.zeros(len(error), dtype=bool)
     for _ in range(MOST_STEPS):
-        normal = problem.normal(point)
-
-        def attempt(
-            damping: float, here: P = point, normal: Normal = normal, least: float = error
-        ) -> tuple[P, float] | None:
-            try:
-                found = eliminate(normal, damping=damping)
-            except SingularError:  # only a damped step exists
-                return None
-            moved = problem.moved(here, found.step_s, found.step_k)
-            new = problem.error(moved)
-            return (moved, new) if new <= least else None
-
-        step, damping = search_damping(attempt, damping, LEVENBERG, most=MOST_DAMPING)
-        if step is None:
-            if not np.isfinite(error):
-                raise SolverError("the pose graph has no finite error at its first poses")
-            return point
-        point, gain, error, damping = step[0], error - step[1], step[1], LEVENBERG.accepted(damping)
-        if gain <= 1e-7 + 1e-9 * error:
+        try:
+            found = eliminate(problem.normal(point), damping=damping)
+        except SingularError:  # only a damped step exists
+            damping = LEVENBERG.each(damping, np.zeros_like(done))
+            continue
+        moved = problem.moved(point, found.step_s, found.step_k)
+        new = problem.error(moved)
+        accepted = new <= error
+        if accepted.all():
+            point = moved
+        elif accepted.any():
+            point = problem.moved(point, found.step_s, np.where(accepted[:, None], found.step_k, 0.0))
+        done |= np.where(accepted, error - new <= 1e-7 + 1e-9 * new, damping > MOST_DAMPING)
+        error, damping = np.where(accepted, new, error), LEVENBERG.each(damping, accepted)
+        if done.all():
             break
+    if not np.isfinite(error).all():
+        raise SolverError("the pose graph has no finite error at its first poses")
     return point
 
 

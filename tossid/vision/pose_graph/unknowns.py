@@ -107,7 +107,7 @@ class Columns:
 
         def first(wanted: Bools, size: int, kind: str = "") -> Ints:
             nonlocal at
-            wanted = wanted & [not problem.is_constant(kind, i) for i in range(len(wanted))]
+            wanted = wanted & np.array([not problem.is_constant(kind, i) for i in range(len(wanted))], dtype=bool)
             columns = np.where(wanted, at + size * (np.cumsum(wanted) - 1), -1)
             at += size * int(wanted.sum())
             return columns
