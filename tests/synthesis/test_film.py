@@ -13,7 +13,7 @@ from tossid.errors import InputError
 from tossid.objects import body_poses, load_object
 from tossid.rotations import transform, transform_points
 from tossid.settings.synthesis import CameraSettings, SynthesizeSettings
-from tossid.synthesis.film import TRUE_FILM, TRUE_VIEWS
+from tossid.synthesis.film import TRUE_FILM
 from tossid.synthesis.synthesize import synthesize
 from tossid.vision.cameras.shutter import poses_at
 from tossid.vision.detection.detect import detect_frames
@@ -73,13 +73,6 @@ def test_an_elbow_is_filmed_with_everything(tmp_path: Path) -> None:
     assert len(errors) > 100
     assert np.median(errors) < 0.3
     assert max(errors) < 3.0
-
-
-def test_without_effects_the_truth_says_so(tmp_path: Path) -> None:
-    facts = filmed(tmp_path / "film", count=1)
-    assert facts["hand"] == facts["clutter"] == facts["cameras"]["cam0"]["dropped_s"] == []
-    assert facts["effects"]["glare"] == facts["effects"]["aperture_m"] == facts["line_s"] == 0.0
-    assert np.load(tmp_path / "film" / TRUE_VIEWS)["kept"].all()
 
 
 def test_an_interrupted_film_leaves_what_was_there(tmp_path: Path) -> None:

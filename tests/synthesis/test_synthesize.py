@@ -24,13 +24,6 @@ def test_the_truth_is_what_noise_was_added_to() -> None:
     assert np.sqrt(dataset.tosses[0].q_cov[0, 0, 0]) == pytest.approx(1e-3)
 
 
-def test_only_the_truth_says_which_effects_there_were() -> None:
-    dataset = tossid.synthesize("cube", **SMALL, effects={"gravity": {"g_ms2": 5.0}})
-    assert dataset.truth is not None
-    assert "g_ms2: 5.0" in dataset.truth.provenance["config"]
-    assert "g_ms2" not in dataset.provenance["config"]
-
-
 def test_the_same_seed_gives_the_same_tosses() -> None:
     one, same, other = (tossid.synthesize("cube", **SMALL, seed=seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(one.tosses[0].q, same.tosses[0].q)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tossid.errors import ConfigError
 from tossid.objects import corner_positions, load_object
 from tossid.rotations import quat_boxminus
-from tossid.settings.synthesis import LcpEngine, MujocoEngine, NoiseSettings, ReleaseSettings, SynthesizeSettings
-from tossid.synthesis.tosses import add_noise, draw_releases, frames_until_rest, make_tosses, world_of
+from tossid.settings.synthesis import LcpEngine, NoiseSettings, ReleaseSettings, SynthesizeSettings
+from tossid.synthesis.tosses import add_noise, draw_releases, frames_until_rest, make_tosses
 
 CUBE = load_object("cube")
 
@@ -53,24 +52,3 @@ def test_noise_is_as_stated() -> None:
     assert dv[:, 3:].std() == pytest.approx(0.3, rel=0.05)
     assert np.sqrt(measured[0].q_cov[0, 4, 4]) == pytest.approx(2e-2)
     assert np.sqrt(measured[0].v_cov[0, 0, 0]) == pytest.approx(0.05)
-
-
-def test_effects_change_the_world_in_their_order() -> None:
-    effects = {"gravity": {"g_ms2": 5.0}, "friction": {"mu": 0.5}}
-    world = world_of(SynthesizeSettings(effects=effects), CUBE)
-    assert (world.gravity, world.object.friction) == (5.0, 0.5)
-
-
-@pytest.mark.parametrize(
-    ("effects", "says"),
-    [
-        ({"frictoin": {"mu": 0.5}}, "effects.frictoin: there is no such effect.*'friction'"),
-        ({"friction": {"muu": 0.5}}, "effects.friction.muu: is no parameter of friction, which has mu.*'mu'"),
-        ({"friction": {"mu": -1.0}}, "effects.friction.mu: -1 is out of range"),
-        ({"joint_damping": {}}, "effects.joint_damping: 'cube' has no joints"),
-        ({"adhesion": {"force_n": 0.3}}, "engine=mujoco cannot express it; engine=lcp can"),
-    ],
-)
-def test_an_effect_that_cannot_be_is_said(effects: dict[str, dict[str, float]], says: str) -> None:
-    with pytest.raises(ConfigError, match=says):
-        world_of(SynthesizeSettings(engine=MujocoEngine(), effects=effects), CUBE)

@@ -1,4 +1,4 @@
-"""`tossid synthesize effects={…}`: what is written moves as the effect says, and only the truth says which it was."""
+"""Tosses with effects: what is written moves as the effect says, and only the truth says which it was."""
 
 from __future__ import annotations
 
@@ -10,21 +10,18 @@ import h5py
 import numpy as np
 import pytest
 
-from pipelines.config.compose import load
-from pipelines.config.schemas import SynthesizeConfig
+import tossid
 from tossid.errors import ConfigError
 from tossid.objects import corner_positions, load_object
 from tossid.physics.effects import Effect, NotExpressible, Strength, effects_for
 from tossid.settings.synthesis import LcpEngine, MujocoEngine, ReleaseSettings, SynthesizeSettings
-from tossid.store import read_dataset
-from tossid.synthesis.tosses import make_tosses
+from tossid.synthesis.tosses import make_tosses, world_of
 from tossid.types import Phase
 
-BARE = ["synthesize", "frames=false", "tosses=3", "seconds=0.6"]
-
-
-def config_of(*keys: str) -> SynthesizeConfig:
-    return load("synthesize", SynthesizeConfig, keys)
+CUBE = load_object("cube")
+SMALL = {"tosses": 3, "seconds": 0.6}
+QUICK = ("com_offset", "wind", "compliance", "torsional_friction", "joint_damping")
+"""Effects that are tried in MuJoCo, too, in the quick tests."""
 
 
 def text_of(path: Path) -> str:
@@ -37,32 +34,36 @@ def text_of(path: Path) -> str:
 
 
 @pytest.mark.parametrize("engine", ["lcp", "mujoco"])
-def test_only_the_truth_says_what_it_was(project: Path, answer: Any, engine: str) -> None:
-    answer(*BARE, f"engine={engine}", "effects={linear_drag: {c_nspm: 0.217}, com_offset: {z_m: 0.013}}", "out=o")
-    answer(*BARE, f"engine={engine}", "out=plain")
-    truth = text_of(project / "o/truth.h5")
+def test_only_the_truth_says_what_it_was(tmp_path: Path, engine: str) -> None:
+    """Nor do phases: over ground 3 cm up the nominal simulator sees flight only."""
+    effects = {"linear_drag": {"c_nspm": 0.217}, "com_offset": {"z_m": 0.013}, "ground_height": {"z_m": 0.03}}
+    made = tossid.synthesize("cube", **SMALL, engine=engine, effects=effects, out=tmp_path / "o")
+    tossid.synthesize("cube", **SMALL, engine=engine, out=tmp_path / "plain")
+    truth = text_of(tmp_path / "o/truth.h5")
     assert all(word in truth for word in ("linear_drag", "c_nspm", "0.013"))
-    seen, plain = text_of(project / "o/tosses.h5"), text_of(project / "plain/tosses.h5")
+    seen, plain = text_of(tmp_path / "o/tosses.h5"), text_of(tmp_path / "plain/tosses.h5")
     assert not any(word in seen for word in ("linear_drag", "com_offset", "0.217", "0.013"))
     # the object is the nominal one, and nothing but the data's own length differs
-    assert read_dataset(project / "o/tosses.h5").object.com[0].tolist() == [0.0, 0.0, 0.0]
-    keep = lambda text: [line for line in text.splitlines() if "tosses/" not in line and "n_frames" not in line]  # noqa: E731
-    assert keep(seen) == keep(plain)
-
-
-@pytest.mark.parametrize("engine", ["lcp", "mujoco"])
-def test_the_motion_written_is_the_recorded_one(engine: str) -> None:
-    """Flight in a recording of wrong scale, clock and tilt, under a gravity of its own, with a wrong ground."""
-    model = load_object("cube")
-    config = config_of(
-        f"engine={engine}",
-        "tosses=6",
-        "seconds=0.8",
-        "release.height=[0.3,0.4]",
-        "effects={length_scale: {scale_rel: 1.1}, time_base: {rate_rel: 0.9}, gravity: {g_ms2: 8.0}, "
-        "ground_height: {z_m: 0.04}, world_tilt: {x_rad: 0.1}}",
+    assert made.object.com[0].tolist() == [0.0, 0.0, 0.0]
+    one, other = (
+        [x for x in text.splitlines() if "tosses/" not in x and "n_frames" not in x] for text in (seen, plain)
     )
-    tosses, _ = make_tosses(config, model, np.random.default_rng(0))
+    assert one == other
+    assert made.truth is not None
+    assert any((toss.phase != Phase.FLIGHT).any() for toss in made.truth.tosses)
+    assert all((toss.phase == Phase.FLIGHT).all() for toss in made.tosses)
+
+
+@pytest.mark.parametrize("engine", [LcpEngine(), MujocoEngine()], ids=lambda engine: engine.name)
+def test_the_motion_written_is_the_recorded_one(engine: Any) -> None:
+    """Flight in a recording of wrong scale, clock and tilt, under a gravity of its own, with a wrong ground."""
+    effects = {
+        "length_scale": {"scale_rel": 1.1}, "time_base": {"rate_rel": 0.9}, "gravity": {"g_ms2": 8.0},
+        "ground_height": {"z_m": 0.04}, "world_tilt": {"x_rad": 0.1},
+    }  # fmt: skip
+    release = ReleaseSettings(height=(0.3, 0.4))
+    settings = SynthesizeSettings(engine=engine, tosses=6, seconds=0.8, release=release, effects=effects)
+    tosses, _ = make_tosses(settings, CUBE, np.random.default_rng(0))
     for toss in tosses:
         flight = np.flatnonzero(toss.phase == Phase.FLIGHT)
         flight = flight[: np.argmax(np.diff(flight, append=10**6) > 1) + 1][:-2]
@@ -74,23 +75,8 @@ def test_the_motion_written_is_the_recorded_one(engine: str) -> None:
         np.testing.assert_allclose(poses, rate, atol=0.02 * fall)
         # at the end it lies on a plane 44 mm up, tilted by 0.1
         up = np.array([0, -np.sin(0.1), np.cos(0.1)])
-        corners = corner_positions(model.with_changes(corner_pos=1.1 * model.corner_pos), toss.q) @ up
+        corners = corner_positions(CUBE.with_changes(corner_pos=1.1 * CUBE.corner_pos), toss.q) @ up
         assert corners.min() == pytest.approx(0.044, abs=5e-4)
-
-
-def test_phases_in_the_dataset_are_those_of_the_nominal_object(project: Path, answer: Any) -> None:
-    """Over ground 3 cm up the nominal simulator sees flight only; the truth knows the contact."""
-    answer(*BARE, "engine=lcp", "effects={ground_height: {z_m: 0.03}}", "out=o")
-    true, seen = (
-        np.concatenate([toss.phase for toss in read_dataset(project / f"o/{name}.h5").tosses])
-        for name in ("truth", "tosses")
-    )
-    assert (true != Phase.FLIGHT).any()
-    assert (seen == Phase.FLIGHT).all()
-
-
-QUICK = ("com_offset", "wind", "compliance", "torsional_friction", "joint_damping")
-"""Effects that are tried in MuJoCo, too, in the quick tests."""
 
 
 def strong(effect: Effect) -> dict[str, float]:
@@ -102,16 +88,16 @@ def strong(effect: Effect) -> dict[str, float]:
 
 def tossed(effect: Effect, engine: str, effects: Mapping[str, Mapping[str, float]]) -> np.ndarray:
     """Configurations of two tosses from near the ground, of the elbow for effects of joints."""
-    name, ours = "elbow" if effect.needs_joints else "cube", engine == "lcp"
-    release = ReleaseSettings(height=(0.05, 0.1), spin=(6.0, 8.0))
     settings = SynthesizeSettings(
         tosses=2,
         seconds=0.7,
-        release=release,
+        release=ReleaseSettings(height=(0.05, 0.1), spin=(6.0, 8.0)),
         effects=effects,
-        engine=LcpEngine(substeps=4) if ours else MujocoEngine(),
+        engine=LcpEngine(substeps=4) if engine == "lcp" else MujocoEngine(),
     )
-    made, _ = make_tosses(settings, load_object(name), np.random.default_rng(1))
+    made, _ = make_tosses(
+        settings, load_object("elbow") if effect.needs_joints else CUBE, np.random.default_rng(1)
+    )  # fmt: skip
     return np.concatenate([toss.q[:40] for toss in made])
 
 
@@ -132,3 +118,18 @@ def test_every_effect_moves_the_object_or_is_refused(effect: Effect, engine: str
     else:
         moved, plain = tossed(effect, engine, values), tossed(effect, engine, {})
         assert np.abs(moved - plain).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("effects", "says"),
+    [
+        ({"frictoin": {"mu": 0.5}}, "effects.frictoin: there is no such effect.*'friction'"),
+        ({"friction": {"muu": 0.5}}, "effects.friction.muu: is no parameter of friction, which has mu.*'mu'"),
+        ({"friction": {"mu": -1.0}}, "effects.friction.mu: -1 is out of range"),
+        ({"joint_damping": {}}, "effects.joint_damping: 'cube' has no joints"),
+        ({"adhesion": {"force_n": 0.3}}, "engine=mujoco cannot express it; engine=lcp can"),
+    ],
+)
+def test_an_effect_that_cannot_be_is_said(effects: dict[str, dict[str, float]], says: str) -> None:
+    with pytest.raises(ConfigError, match=says):
+        world_of(SynthesizeSettings(engine=MujocoEngine(), effects=effects), CUBE)
