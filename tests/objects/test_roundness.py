@@ -72,14 +72,6 @@ def test_geoms_of_mjcf_stand_where_they_should(text: str, low: float, corners: i
     assert model.resized(2.0).extent()[1][2] == pytest.approx(2 * low)
 
 
-def test_points_of_a_surface_are_on_it() -> None:
-    model = geom('type="ellipsoid" size="0.06 0.045 0.035"')
-    for drawn in (model.drawn, model.as_points(1000)):
-        assert drawn.roundness is None
-        assert np.linalg.norm(drawn.corner_pos / [0.06, 0.045, 0.035], axis=1) == pytest.approx(1.0)
-    assert model.width == pytest.approx(0.12)
-
-
 @pytest.mark.parametrize(
     "text",
     [
