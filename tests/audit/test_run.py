@@ -1,7 +1,9 @@
-"""An audit keeps what is done, reports what failed, and gives cases to whoever computes them."""
+"""An audit keeps what is done, reports what failed, and no diagnosis sees the truth of its case."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
@@ -12,8 +14,11 @@ import pytest
 
 from tests.audit.answers import answer
 from tossid.audit import sealed_case
+from tossid.audit.cases import Case
 from tossid.audit.run import audit, plan
-from tossid.errors import ConfigError, InputError, SolverError
+from tossid.audit.sealed_case import Job, read_case, run_case
+from tossid.audit.sealing import seal, unseal
+from tossid.errors import ConfigError, FileError, InputError, SolverError
 from tossid.objects import ObjectModel
 from tossid.settings.audit import AuditSettings
 
@@ -110,3 +115,65 @@ def test_a_seed_has_the_cases_that_it_had_when_its_figures_were_measured(cube: O
         ("pair", "lcp", ("vortex", "compliance"), 2596311643),
     ]
     assert cases[0].targets == (30.175690937960372,)
+
+
+# ---------------------------------------------------------------- sealed cases
+
+
+CASE = Case(7, "without", "lcp", ("wind",), (20.0,), 1004)
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """A case that is neither simulated nor diagnosed; returns what diagnoses were asked for."""
+    calls: list[Any] = []
+
+    def diagnosed(data: Path, without: Any, seed: int, repeats: int) -> dict[str, Any]:
+        calls.append((sorted(path.name for path in data.parent.iterdir()), without, seed, repeats))
+        return answer(verdict="no_gap")
+
+    truth = {"case": CASE.as_json(), "effects": {"wind": {"x_ms": 2.0}}, "displacement": {"wind": 19.0}}
+    monkeypatch.setattr(sealed_case, "make_case", lambda *args: truth)
+    monkeypatch.setattr(sealed_case, "diagnose_withheld", diagnosed)
+    return calls
+
+
+def test_a_case_is_diagnosed_without_its_truth_and_known_again_by_its_digest(
+    cube: ObjectModel, asked: list[Any], tmp_path: Path
+) -> None:
+    job = Job(CASE, cube, AuditSettings(repeats=3), "a1b2c3d4" + 56 * "0")
+    assert read_case(tmp_path, job) is None
+    run_case(job, tmp_path)
+    ((files, without, seed, repeats),) = asked
+    assert files == ["seal.txt"]
+    assert {"wind", "linear_drag"} <= set(without)
+    assert (seed, repeats) == (4, 3)
+    done = read_case(tmp_path, job)
+    assert done is not None
+    assert done["truth"]["effects"] == {"wind": {"x_ms": 2.0}}
+    assert done["gap"] == answer(verdict="no_gap")
+    assert read_case(tmp_path, replace(job, digest="a1b2c3d4" + 56 * "1")) is None
+    (tmp_path / "cases" / job.name / "gap.json").write_text("{")
+    assert read_case(tmp_path, job) is None
+
+
+def test_a_truth_lies_unreadable_elsewhere_until_it_is_unsealed_and_is_known_by_its_hash(tmp_path: Path) -> None:
+    truth, hashes = {"effects": {"magnus": {"c_ns2pm": 0.02}}}, []
+    for name in ("one", "other"):
+        folder = tmp_path / name
+        folder.mkdir()
+        path = seal(truth, name, tmp_path, folder)
+        assert path.stat().st_mode & 0o777 == 0
+        assert [p.name for p in folder.iterdir()] == ["seal.txt"]
+        hashes.append((folder / "seal.txt").read_text().strip())
+        assert f"{name} {hashes[-1]}" in (tmp_path / "seals.txt").read_text()
+        unseal(path, folder)
+        content = (folder / "truth.json").read_bytes()
+        assert hashlib.sha256(content).hexdigest() == hashes[-1]
+        assert {k: v for k, v in json.loads(content).items() if k != "nonce"} == truth
+    assert hashes[0] != hashes[1]  # the nonce: nobody finds a short truth by trying
+    path = seal({"effects": {}}, "a", tmp_path, tmp_path)
+    path.chmod(0o600)
+    path.write_text('{"effects": {"gravity": {"g_ms2": 9.0}}}')
+    with pytest.raises(FileError, match="is not what was sealed"):
+        unseal(path, tmp_path)
