@@ -14,52 +14,16 @@ from hypothesis import strategies as st
 from matplotlib.colors import to_rgb
 
 from tests.evaluation.figures.reading import boxes
-from tossid.evaluation.figures.style import (
-    DPI,
-    LOOKS,
-    label_ends,
-    look,
-    new_figure,
-    number,
-    panel_grid,
-    spread,
-    styled,
-)
+from tossid.evaluation.figures.style import DPI, LOOKS, label_ends, look, new_figure, number, panel_grid, spread, styled
 
 MODELS = ("cn", "cnrp", "cnrpi", "e2e", "diffsim")
+
+
 # Linear RGB to what a person without the long-wave or the medium-wave cones sees (Viénot, Brettel and Mollon 1999).
 PROTAN = np.array([[0.11238, 0.88762, 0], [0.11238, 0.88762, 0], [0.00401, -0.00401, 1]])
+
+
 DEUTAN = np.array([[0.29275, 0.70725, 0], [0.29275, 0.70725, 0], [-0.02234, 0.02234, 1]])
-
-
-@given(st.lists(st.floats(0, 1), min_size=1, max_size=12))
-def test_labels_are_spread_in_order_and_no_farther_than_needed(wanted: list[float]) -> None:
-    gap = 0.05
-    place = spread(wanted, gap)
-    order = np.argsort(wanted, kind="stable")
-    assert (np.diff(place[order]) >= gap - 1e-9).all()
-    # least squares: no shift of all labels would help
-    assert np.mean(place - np.array(wanted)) == pytest.approx(0, abs=1e-9)
-    if len(wanted) < 2 or np.diff(np.sort(wanted)).min() >= gap:
-        np.testing.assert_allclose(place, wanted, atol=1e-12)
-
-
-def test_labels_stay_inside() -> None:
-    place = spread([0.99, 0.995, 1.0], 0.1, 0.0, 1.0)
-    np.testing.assert_allclose(place, [0.8, 0.9, 1.0])
-
-
-def test_names_of_equal_lines_do_not_touch() -> None:
-    @styled
-    def draw() -> mpl.figure.Figure:
-        figure = new_figure("Title", height=3)
-        ax = panel_grid(figure, 1, 1, right=1)[0, 0]
-        label_ends(ax, [(1.0, 0.5, name, "k") for name in MODELS])
-        return figure
-
-    found = [box for text, box in boxes(draw()) if text in MODELS]
-    assert len(found) == len(MODELS)
-    assert not any(a.overlaps(b) for a, b in combinations(found, 2))
 
 
 @pytest.mark.parametrize("sees", [np.eye(3), PROTAN, DEUTAN], ids=["all", "protanopia", "deuteranopia"])
@@ -69,31 +33,8 @@ def test_models_can_be_distinguished(sees: np.ndarray) -> None:
     by_color_alone = {pair for pair, distance in apart.items() if distance > 0.12}
     assert {("cn", "cnrp"), ("cn", "cnrpi"), ("cnrp", "cnrpi")} <= by_color_alone
     assert len({LOOKS[name].marker for name in MODELS}) == len(MODELS)
-
-
-def test_unknown_models_get_looks_of_their_own() -> None:
-    names = ["cn", "mine", "yours"]
-    assert len({look(name, others=names).color for name in names}) == 3
-
-
-def test_the_users_matplotlib_settings_are_ignored_and_left_as_they_were() -> None:
-    @styled
-    def draw() -> mpl.figure.Figure:
-        figure = new_figure("Title", height=3)
-        panel_grid(figure, 1, 1)[0, 0].set_xlabel("x [m]")
-        return figure
-
-    with mpl.rc_context({"font.size": 31.0, "axes.labelsize": 40.0, "figure.dpi": 31.0}):
-        before = dict(mpl.rcParams)
-        figure = draw()
-        assert dict(mpl.rcParams) == before
-    assert figure.dpi == DPI
-    assert figure.axes[0].xaxis.label.get_fontsize() < 12
-
-
-def test_pyplot_is_not_imported() -> None:
-    code = "import sys, tossid.evaluation.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
-    assert run([sys.executable, "-c", code], check=False).returncode == 0
+    others = ["cn", "mine", "yours"]
+    assert len({look(name, others=others).color for name in others}) == 3
 
 
 @pytest.mark.parametrize(
@@ -102,3 +43,40 @@ def test_pyplot_is_not_imported() -> None:
 )
 def test_numbers_are_short(value: float, text: str) -> None:
     assert number(value) == text
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=12))
+def test_labels_are_spread_in_order_and_no_farther_than_needed(wanted: list[float]) -> None:
+    gap = 0.05
+    place = spread(wanted, gap)
+    assert (np.diff(place[np.argsort(wanted, kind="stable")]) >= gap - 1e-9).all()
+    # least squares: no shift of all labels would help
+    assert np.mean(place - np.array(wanted)) == pytest.approx(0, abs=1e-9)
+    if len(wanted) < 2 or np.diff(np.sort(wanted)).min() >= gap:
+        np.testing.assert_allclose(place, wanted, atol=1e-12)
+    np.testing.assert_allclose(spread([0.99, 0.995, 1.0], 0.1, 0.0, 1.0), [0.8, 0.9, 1.0])
+
+
+def test_names_do_not_touch_and_the_users_matplotlib_is_ignored_and_left_as_it_was() -> None:
+    @styled
+    def draw() -> mpl.figure.Figure:
+        figure = new_figure("Title", height=3)
+        ax = panel_grid(figure, 1, 1, right=1)[0, 0]
+        ax.set_xlabel("x [m]")
+        label_ends(ax, [(1.0, 0.5, name, "k") for name in MODELS])
+        return figure
+
+    with mpl.rc_context({"font.size": 31.0, "axes.labelsize": 40.0, "figure.dpi": 31.0}):
+        before = dict(mpl.rcParams)
+        figure = draw()
+        assert dict(mpl.rcParams) == before
+    assert figure.dpi == DPI
+    assert figure.axes[0].xaxis.label.get_fontsize() < 12
+    found = [box for text, box in boxes(figure) if text in MODELS]
+    assert len(found) == len(MODELS)
+    assert not any(a.overlaps(b) for a, b in combinations(found, 2))
+
+
+def test_pyplot_is_not_imported() -> None:
+    code = "import sys, tossid.evaluation.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
+    assert run([sys.executable, "-c", code], check=False).returncode == 0
