@@ -202,7 +202,6 @@ def recorded(model: ObjectModel, *, scale: float, lag: float, count: int = 40) -
 def test_scale_and_lag_are_found(cube: ObjectModel, scale: float) -> None:
     estimate = estimate_measurement(recorded(cube, scale=scale, lag=0.5 * DT), cube)
     assert estimate.n_at_rest > 20
-    assert estimate.n_in_flight > 30
     assert estimate.length_scale == pytest.approx(scale, abs=1.5e-3)
     assert estimate.velocity_lag == pytest.approx(0.5 * DT, rel=0.1)
     assert estimate.measurement == MeasurementModel(estimate.length_scale, estimate.velocity_lag)

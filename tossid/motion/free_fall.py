@@ -88,14 +88,12 @@ class FreeFall:
         com_deviation: Their standard errors [m], (n_b, 3).
         gravity: Downward acceleration [m/s²].
         gravity_deviation: Its standard error [m/s²].
-        stretches: How many stretches of flight there are.
     """
 
     com: Array
     com_deviation: Array
     gravity: float
     gravity_deviation: float
-    stretches: int
 
 
 @dataclass(frozen=True)
@@ -206,7 +204,6 @@ def free_fall(tosses: Sequence[Toss], tree: ObjectModel, clearance: Callable[[To
         np.sqrt(com_var).reshape(-1, 3),
         float(found[-1]),
         float(np.sqrt(covariance[-1, -1])),
-        len(stretches),
     )
 
 

@@ -86,15 +86,13 @@ class MeasurementModel:
 
 @dataclass(frozen=True)
 class MeasurementEstimate:
-    """Length scale and velocity lag of a set of tosses, each with its interval.
+    """Length scale and velocity lag of a set of tosses.
 
     Attributes:
         length_scale: Mean over tosses.
         length_scale_ci95: Student's interval over tosses; NaN where too few tosses show it.
         n_at_rest: Tosses that show it.
         velocity_lag: Mean over tosses [s].
-        velocity_lag_ci95: Likewise [s].
-        n_in_flight: Tosses that show it.
         measurement: The model with those values that are significant; see `estimate_measurement`.
     """
 
@@ -102,8 +100,6 @@ class MeasurementEstimate:
     length_scale_ci95: tuple[float, float]
     n_at_rest: int
     velocity_lag: float
-    velocity_lag_ci95: tuple[float, float]
-    n_in_flight: int
     measurement: MeasurementModel
 
 
@@ -121,12 +117,12 @@ def estimate_measurement(tosses: Sequence[Toss], model: ObjectModel) -> Measurem
     scales = [scale for toss in tosses if (scale := _scale_at_rest(toss, model)) is not None]
     lags = [lag for toss, n in zip(tosses, frames, strict=True) if (lag := _lag_in_flight(toss, n)) is not None]
     scale, scale_ci, scale_sure = _mean(scales, exact=1.0)
-    lag, lag_ci, lag_sure = _mean(lags, exact=0.0)
+    lag, _, lag_sure = _mean(lags, exact=0.0)
     significant = MeasurementModel(
         length_scale=scale if scale_sure and abs(scale - 1) > SMALLEST_SCALE else 1.0,
         velocity_lag=lag if lag_sure and abs(lag) > SMALLEST_LAG * frame_time(tosses) else 0.0,
     )
-    return MeasurementEstimate(scale, scale_ci, len(scales), lag, lag_ci, len(lags), significant)
+    return MeasurementEstimate(scale, scale_ci, len(scales), lag, significant)
 
 
 def _mean(values: Sequence[float], *, exact: float) -> tuple[float, tuple[float, float], bool]:
