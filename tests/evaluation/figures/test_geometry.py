@@ -1,17 +1,24 @@
-"""Learned geometry is drawn with the shifts and the factor that it states, from the side that a view is on."""
+"""Learned geometry is drawn with the shifts and the factor that it states; films show what is predicted."""
 
 from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
+from PIL import Image
 
 from tests.evaluation.figures.reading import assert_legible, line, titled, words
 from tossid.errors import InputError
-from tossid.evaluation.figures import geometry_at_angles, learned_geometry
-from tossid.evaluation.figures.geometry import exaggeration
+from tossid.evaluation.figures import films, geometry_at_angles, hull_film, learned_geometry, save_film, toss_film
+from tossid.evaluation.figures.films import rgb
+from tossid.evaluation.figures.geometry import UNSEEN, exaggeration
+from tossid.evaluation.figures.style import MUTED
 from tossid.evaluation.figures.wireframe import view_from, wireframe
-from tossid.objects import ObjectModel
+from tossid.objects import ObjectModel, corner_positions
+from tossid.types import Toss
 
 
 def test_a_cube_has_twelve_edges_and_nine_are_seen_from_a_view_that_keeps_up_and_right(cube: ObjectModel) -> None:
@@ -46,46 +53,6 @@ def test_shifts_and_ways_of_corners_are_drawn_at_the_stated_factor(cube: ObjectM
     assert_legible(figure)
 
 
-def test_the_factor_is_round_and_fits(cube: ObjectModel) -> None:
-    for size, factor in ((1e-3, 10.0), (1e-5, 100.0), (30e-3, 1.0), (0.0, 1.0)):
-        learned = cube.with_changes(corner_pos=cube.corner_pos + np.array([size, 0, 0]))
-        assert exaggeration(cube, learned) == factor
-    assert exaggeration(cube, cube, stages=[cube.corner_pos + np.array([2e-3, 0, 0])]) == 5.0
-
-
-def test_geometry_has_a_row_a_link_and_shows_the_truth(elbow: ObjectModel) -> None:
-    rng = np.random.default_rng(0)
-    learned = elbow.with_changes(corner_pos=elbow.corner_pos + 1e-3 * rng.normal(size=elbow.corner_pos.shape))
-    figure = learned_geometry(elbow, learned, truth=elbow)
-    assert len(figure.axes) == 4 * elbow.n_bodies
-    for ax in figure.axes:
-        drawn = {c.get_label(): len(c.get_segments()) for c in ax.collections if isinstance(c, LineCollection)}
-        assert drawn == {"given": 12, "truth": 12, "learned": 12}
-    assert_legible(figure)
-
-
-def test_where_the_object_may_reach_is_marked_and_in_the_picture(cube: ObjectModel) -> None:
-    figure = learned_geometry(cube, cube, unseen=np.array([[0.09, 0.05, 0.05], [0.05, 0.09, 0.05]]))
-    above = titled(figure, "from above")
-    np.testing.assert_allclose(np.column_stack(line(above, "may reach").get_data()), [[90, 50], [50, 90]], atol=1e-9)
-    assert above.get_xlim()[1] > 90
-    assert_legible(figure)
-
-
-def test_one_corner_that_nobody_saw_does_not_shrink_the_object(cube: ObjectModel) -> None:
-    seen = np.arange(8) != 3
-    start = cube.corner_pos.copy()
-    start[3] += 0.5
-    plain = learned_geometry(cube, cube)
-    figure = learned_geometry(
-        cube, cube, seen=seen, stages=[start, cube.corner_pos], unseen=np.array([[0.9, 0.1, 0.1], [0.06, 0.06, 0.06]])
-    )
-    wide, usual = (float(np.ptp(titled(each, "from above").get_xlim())) for each in (figure, plain))
-    assert usual < wide < 1.5 * usual
-    assert "It may reach 900 mm from the middle, beyond the picture." in words(figure)
-    assert_legible(figure)
-
-
 def test_each_angle_shows_both_objects_and_what_touched(elbow: ObjectModel) -> None:
     learned = elbow.with_changes(corner_pos=elbow.corner_pos + np.array([0.001, 0, 0]))
     seen = np.arange(16) != 5
@@ -99,3 +66,65 @@ def test_each_angle_shows_both_objects_and_what_touched(elbow: ObjectModel) -> N
     assert "15 of 16 corners touched the ground: at most 1" in words(figure)
     with pytest.raises(InputError):
         geometry_at_angles(elbow, learned, seen=seen[:4])
+
+
+def test_the_factor_is_round_and_a_link_has_a_row_beside_its_truth(cube: ObjectModel, elbow: ObjectModel) -> None:
+    for size, factor in ((1e-3, 10.0), (1e-5, 100.0), (30e-3, 1.0), (0.0, 1.0)):
+        assert exaggeration(cube, cube.with_changes(corner_pos=cube.corner_pos + np.array([size, 0, 0]))) == factor
+    rng = np.random.default_rng(0)
+    learned = elbow.with_changes(corner_pos=elbow.corner_pos + 1e-3 * rng.normal(size=elbow.corner_pos.shape))
+    figure = learned_geometry(elbow, learned, truth=elbow)
+    assert len(figure.axes) == 4 * elbow.n_bodies
+    for ax in figure.axes:
+        drawn = {c.get_label(): len(c.get_segments()) for c in ax.collections if isinstance(c, LineCollection)}
+        assert drawn == {"given": 12, "truth": 12, "learned": 12}
+    assert_legible(figure)
+
+
+# ---------------------------------------------------------------- films
+
+
+def toss_of(name: str, q: np.ndarray) -> Toss:
+    n, nv = len(q), q.shape[1] - 1
+    cov, phase = np.tile(1e-6 * np.eye(nv), (n, 1, 1)), np.zeros(n, dtype=np.uint8)
+    return Toss(name, np.arange(n) / 148, q, np.zeros((n, nv)), cov, cov, phase)
+
+
+def test_a_film_s_predicted_object_is_where_it_is_predicted(elbow: ObjectModel) -> None:
+    q = np.zeros((9, 8))
+    q[:, 2], q[:, 3] = np.linspace(0.4, 0.1, 9), 1.0
+    toss, apart = toss_of("a", q), q.copy()
+    apart[:, 0] += 0.2
+    same = toss_film(toss, replace(toss), elbow, name="cnrp")
+    other = toss_film(toss, replace(toss, q=apart), elbow, name="cnrp")
+    dark = lambda frames: (frames[:, 40:].max(axis=-1) < 90).sum(axis=(1, 2))  # noqa: E731
+    assert (dark(same) == 0).all()  # hidden under the prediction
+    assert (dark(other) > 50).all()
+    with pytest.raises(InputError):
+        toss_film(toss, replace(toss.frames(slice(0, 5))), elbow, name="cnrp")
+
+
+def test_tosses_cut_the_space_down_to_the_object(
+    cube: ObjectModel, elbow: ObjectModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of forty tosses of five frames each, in all of which the cube touches the ground."""
+    monkeypatch.setattr(films, "HULL_PICTURES", 6)
+    rng, tosses = np.random.default_rng(3), []
+    for number in range(40):
+        q = np.concatenate([np.zeros((5, 3)), rng.normal(size=(5, 4))], axis=1)
+        q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
+        q[:, 2] = -corner_positions(cube, q)[..., 2].min(axis=1)
+        tosses.append(toss_of(f"{number}", q))
+    film = hull_film(tosses, cube)
+    # columns over which the grey hull reaches, below the caption
+    grey = [(np.abs(frame[30:].astype(int) - rgb(MUTED)).max(axis=-1) < 12).any(axis=0) for frame in film]
+    first, last = (np.ptp(np.flatnonzero(each)) if each.any() else 0 for each in (grey[0], grey[-1]))
+    assert first > 1.5 * last
+    crossed = [(frame == rgb(UNSEEN)).all(axis=-1).sum() for frame in film]
+    assert crossed[0] > 0
+    assert crossed[-1] == 0  # forty tosses have shown all corners
+    path = save_film(film, tmp_path / "hull.gif", frame_ms=300)
+    with Image.open(path) as written:
+        assert (written.n_frames, written.size) == (len(film), (480, 360))
+    with pytest.raises(InputError, match="one rigid body"):
+        hull_film(tosses[:1], elbow)
