@@ -9,7 +9,6 @@ import pytest
 from benchmarks import bench_studies
 from benchmarks.bench_studies import HEADS, SCORES, trainings
 from tossid import synthesize, write_dataset
-from tossid.errors import ConfigError
 
 
 class Kept:
@@ -39,28 +38,3 @@ def test_a_training_is_timed_by_stage_and_judged(tmp_path: Path, monkeypatch: py
     assert all(len(row) == len(HEADS) for row in stages)
     assert [row[0] for row in scores] == ["cn"]
     assert float(scores[0][-1]) == pytest.approx(0.18, abs=0.1)
-
-
-def test_what_is_missing_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bench_studies, "CUBE", tmp_path / "none.h5")
-    trainings(console := Kept())  # type: ignore[arg-type]
-    assert console.tables == []
-    assert "none.h5 is missing" in console.said[0]
-
-
-def test_a_gravity_that_is_no_number_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sys.argv", ["bench_studies", "cn", "cnrpi"])
-    with pytest.raises(ConfigError, match="'cnrpi' is no number"):
-        bench_studies.main()
-
-
-def test_a_training_from_nothing_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[dict[str, object]] = []
-    monkeypatch.setattr(bench_studies, "trainings", lambda _, **keys: asked.append(keys))
-    for words in (["--unknown", "cnrpi"], ["cn", "0"]):
-        monkeypatch.setattr("sys.argv", ["bench_studies", *words])
-        bench_studies.main()
-    assert asked == [
-        {"models": ("cnrpi",), "gravities": [9.81], "unknown": True},
-        {"models": ("cn",), "gravities": [0.0], "unknown": False},
-    ]

@@ -33,15 +33,6 @@ def test_held_out_tosses_are_in_the_stripes_and_between_them() -> None:
     np.testing.assert_allclose((force * q[:, :3]).sum(1), 0, atol=1e-9)
 
 
-def test_a_model_without_k_res_recovers_nothing() -> None:
-    thrown = fields.throw("gravity", SMALL, 0)
-    for given, share in ((9.81, 0.0), (8.0, 1.0)):
-        model = build_model(replace(variant("cn"), gravity=given), thrown.learned.object)
-        found, size = fields.recovered(TrainedModel(model, TrainSettings(), {}), thrown.world, thrown.between)
-        assert found == pytest.approx(share, abs=1e-9)
-        assert size == pytest.approx(1.81)
-
-
 def test_a_model_is_said_to_stand_for_what_it_has_learned() -> None:
     thrown = fields.throw("vortex", SMALL, 0)
     model = build_model(variant("cnrp_world"), thrown.learned.object)

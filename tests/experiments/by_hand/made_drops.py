@@ -38,7 +38,7 @@ class Law:
 LAW = Law()
 
 
-def make_drop(path: Path, rng: np.random.Generator, law: Law = LAW, *, lost: int = 0, twice: bool = False) -> Drop:
+def make_drop(path: Path, rng: np.random.Generator, law: Law = LAW, *, lost: int = 0) -> Drop:
     """A drop with one impact, written as a TUM file with noise, from which frames at the impact are taken out.
 
     Args:
@@ -46,12 +46,11 @@ def make_drop(path: Path, rng: np.random.Generator, law: Law = LAW, *, lost: int
         rng: Of the throw and the noise.
         law: What makes it.
         lost: How many frames the recording loses at the impact.
-        twice: Whether a second corner hits right after the first.
     """
     poses: list[Array] = []
     last = 0
     while len(poses) < last + LEAST:
-        poses, last = _thrown(rng, law, twice=twice)
+        poses, last = _thrown(rng, law)
     quarters = round(poses[-1][2] / (np.pi / 2))
     rest = [poses[-1][0], law.floor + law.half[1 - quarters % 2], quarters * np.pi / 2]
     kept = np.delete(np.array(poses + [rest] * 30), range(last, last + lost), axis=0)
@@ -61,7 +60,7 @@ def make_drop(path: Path, rng: np.random.Generator, law: Law = LAW, *, lost: int
     return read_drop(path)
 
 
-def _thrown(rng: np.random.Generator, law: Law, *, twice: bool) -> tuple[list[Array], int]:
+def _thrown(rng: np.random.Generator, law: Law) -> tuple[list[Array], int]:
     """Poses of the middle until a second corner comes near the floor, and the first frame after the impact."""
     angle = np.deg2rad(rng.uniform(25, 40)) * rng.choice([-1.0, 1.0]) + rng.integers(4) * np.pi / 2
     start = np.array([0.0, 0.14, angle, rng.uniform(0.6, 0.9), -rng.uniform(1.5, 2.0), rng.uniform(-3, 3)])
@@ -69,8 +68,6 @@ def _thrown(rng: np.random.Generator, law: Law, *, twice: bool) -> tuple[list[Ar
     after, poses = _hit(_flown(start, hit, law), law), []
     for t in DT * np.arange(110):
         state = _flown(start, t, law) if t < hit else _flown(after, t - hit, law)
-        if twice and t > hit + 2 * DT:
-            state[2] += 0.3 + 15 * (t - hit - 2 * DT)
         if t > hit + 4 * DT and _tip(state, law)[1][1] < 1e-3:
             break
         poses.append(np.array([*(state[:2] - turned(state[2], np.array(law.centre))), state[2]]))

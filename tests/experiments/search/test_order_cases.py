@@ -5,29 +5,19 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
 
 from experiments.search.order_cases import (
     CONSTANT,
     DRIFT,
-    FORMS,
     NONE,
     SHUFFLED,
     STEP,
     OrderOfCase,
-    draw_changes,
-    draw_nulls,
-    rates,
     score_over_order,
     tosses_over_order,
-    values_at,
 )
 from tossid.objects import ObjectModel, corner_positions
-from tossid.physics.effects import World
-from tossid.settings.audit import AuditSettings
 from tossid.settings.synthesis import SynthesizeSettings
-
-SETTINGS = AuditSettings(seed=1)
 
 
 def answer(*changing: dict[str, Any], left: tuple[str, ...] = ()) -> dict[str, Any]:
@@ -42,45 +32,6 @@ def steps(name: str, *starts: str) -> dict[str, Any]:
 
 def truth(form: str, at: int = 0, **effects: dict[str, float]) -> dict[str, Any]:
     return {"order": {"form": form, "at": at}, "effects": effects, "rates": {"friction": {"mu": 0.002}}}
-
-
-def test_cases_go_through_all_forms_and_hide_the_moment() -> None:
-    cases = draw_changes(16, SETTINGS)
-    orders = [each.order for each in cases]
-    assert [order.form for order in orders] == 2 * [form for form, _ in FORMS]
-    moments = [order.at for order in orders if order.form == STEP]
-    assert all(8 <= at <= 32 for at in moments)
-    assert len(set(moments)) > 4
-    assert {each.case.engine for each in cases[:8]} == {"lcp", "mujoco"}
-    assert draw_changes(4, SETTINGS) == cases[:4]
-
-
-def test_nulls_have_no_effect_or_one_in_all_tosses(cube: ObjectModel) -> None:
-    names = ("friction", "gravity", "world_tilt")
-    drawn = draw_nulls(8, SETTINGS, names)
-    cases = [each.case for each in drawn]
-    assert [each.order.form for each in drawn] == 4 * [NONE, CONSTANT]
-    assert [case.engine for case in cases[:4]] == ["lcp", "lcp", "mujoco", "mujoco"]
-    assert {name for case in cases for name in case.effects} == set(names)
-    assert all(len(case.targets) == len(case.effects) for case in cases)
-    made = tosses_over_order(
-        {"ground_height": {"z_m": 0.02}},
-        OrderOfCase(CONSTANT),
-        cube,
-        SynthesizeSettings(tosses=3, seconds=0.8),
-        np.random.default_rng(2),
-    )
-    lowest = [corner_positions(cube, toss.q)[..., 2].min() for toss in made]
-    np.testing.assert_allclose(lowest, 0.02, atol=2e-3)
-
-
-def test_values_lie_between_none_and_all(cube: ObjectModel) -> None:
-    whole = {"friction": {"mu": 0.28}, "time_base": {"rate_rel": 1.02}}
-    half = values_at(whole, 0.5, World(cube))
-    assert half["friction"]["mu"] == pytest.approx(0.23)
-    assert half["time_base"]["rate_rel"] == pytest.approx(1.01)
-    assert values_at(whole, 0.0, World(cube)) == {}
-    assert rates(whole, World(cube), 11)["friction"]["mu"] == pytest.approx(0.01)
 
 
 def test_only_tosses_from_the_change_on_have_the_effect(cube: ObjectModel) -> None:

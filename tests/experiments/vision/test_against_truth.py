@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.vision.against_truth import against_truth, at_times, near_impact, nees
+from experiments.vision.against_truth import against_truth, at_times, nees
 from pipelines.cli.call import call_with_keys
 from pipelines.cli.console import Console
 
@@ -40,12 +40,6 @@ def test_a_film_comes_out_as_it_was(name: str, project: Path) -> None:
     assert abs(_number(found["ground's height from rests [mm]"])) < 0.2
     if name == "elbow":
         assert _number(found["joint angle, median [°]"]) < 0.1  # 0.3
-
-
-def test_two_frames_on_each_side_of_an_impact_are_left_out() -> None:
-    hit = np.zeros(12, dtype=bool)
-    hit[6] = True  # between frames 5 and 6
-    np.testing.assert_array_equal(np.flatnonzero(near_impact(hit)), [3, 4, 5, 6, 7, 8])
 
 
 def test_errors_are_taken_at_the_same_time() -> None:
