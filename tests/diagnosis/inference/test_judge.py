@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tests.diagnosis.by_hand import EFFECTS
 from tossid.diagnosis.inference.evidence import Evidence
+from tossid.diagnosis.inference.found import Rival
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.judge import DRAWS, Fold, closed_share, cross_fit, frequencies, lost_without
 from tossid.diagnosis.inference.sample import Sample
@@ -91,3 +92,16 @@ def half_as_certain(evidence: Evidence) -> Evidence:
     rows = evidence.windows.inside.sum(1) * evidence.windows.channels
     whitening = replace(evidence.whitening, log_det=evidence.whitening.log_det - rows * np.log(2.0))
     return replace(evidence, residuals=0.5 * evidence.residuals, whitening=whitening)
+
+
+@pytest.mark.parametrize(("ahead", "named"), [(0.5, "friction"), (50.0, "restitution")])
+def test_a_draw_prefers_a_rival_only_where_that_is_clearly_likelier(
+    slippery: Sample, stated: Hypothesis, ahead: float, named: str
+) -> None:
+    folds = []
+    for fold in folds_of(slippery, stated):
+        found = fold.found
+        gain = ahead + 5.0 * np.where(np.arange(found.fit.n) % 2, 1.0, -1.0)
+        rival = Rival(EFFECTS["restitution"], found.fit, gain)
+        folds.append(replace(fold, found=replace(found, rivals={"friction": (rival,)})))
+    assert frequencies(folds).of_any((named,)) > 0.8

@@ -50,6 +50,19 @@ def _complexity(hypothesis: Hypothesis, library: Sequence[Effect]) -> tuple[int,
     return len(hypothesis.flat()), sorted(places)
 
 
+def simplest_first(candidates: Iterable[Candidate], library: Sequence[Effect]) -> list[Candidate]:
+    """Candidates that are as likely, as `stands` prefers them.
+
+    Args:
+        candidates: Effects.
+        library: As of `stands`.
+    """
+    effects = [(c.effect, c) for c in candidates if c.effect is not None]
+    place = {effect.name: k for k, effect in enumerate(library)}
+    effects.sort(key=lambda each: (len(each[0].parameters), place.get(each[0].name, len(place))))
+    return [c for _, c in effects]
+
+
 def likeliest(tried: Sequence[Evidence], sample: Sample, library: Sequence[Effect]) -> int:
     """Number of the likeliest of some hypotheses: the simplest of those that are as likely.
 

@@ -5,8 +5,8 @@ often each effect is named, hold for further tosses of the same kind (Chernozhuk
 Nothing is shared between folds. The windows of judged tosses have a tracker's slow errors as the others show them.
 
 How often an effect is named comes from tosses drawn with replacement, in each fold's own search. In a draw an effect
-stays if the drawn tosses still need it, and prefer it to what could take its place. That is a sum of known gains, and
-costs no simulation.
+stays if the drawn tosses still need it, and make nothing that could take its place clearly likelier: the search's own
+rule (`alternatives.stands`). That is a sum of known gains, and costs no simulation.
 """
 
 from __future__ import annotations
@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 from scipy.stats import bootstrap
 
 from tossid.diagnosis.findings import RESAMPLES, Interval
+from tossid.diagnosis.inference.alternatives import AHEAD
 from tossid.diagnosis.inference.evidence import Evidence
 from tossid.diagnosis.inference.found import Found
 from tossid.diagnosis.inference.hypothesis import Hypothesis
-from tossid.diagnosis.inference.sample import LEAST_GAIN, Sample
+from tossid.diagnosis.inference.sample import LEAST_GAIN, Sample, noise_of
 from tossid.diagnosis.inference.search import Search
 from tossid.diagnosis.likelihood.density import student_deviance
 from tossid.diagnosis.likelihood.windows import Windows
@@ -148,7 +149,7 @@ def frequencies(folds: Sequence[Fold], *, seed: int = 0) -> Frequencies:
         for name, gain in each.needed.items():
             kept = gain[drawn].sum(1) > LEAST_GAIN
             for rival in each.rivals.get(name, ()):
-                ahead = kept & (rival.gain[drawn].sum(1) > 0)
+                ahead = kept & (rival.gain[drawn].sum(1) > AHEAD * noise_of(rival.gain))
                 out[:, names.index(rival.effect.name)] |= ahead
                 kept = kept & ~ahead
             out[:, names.index(name)] |= kept

@@ -27,6 +27,7 @@ from tossid.diagnosis.inference.alternatives import (
     rival_of,
     rivals_in_flight,
     simplest,
+    simplest_first,
     stands,
 )
 from tossid.diagnosis.inference.evidence import Evidence
@@ -139,7 +140,7 @@ class Search:
                 continue
             name, least = each.joined.candidate.name, ALIKE * each.joined.candidate.total
             alike = [c for c in each.screening.candidates if c.total > least and c.name not in names]
-            for c in not_containing(name, alike)[:MOST_RIVALS]:
+            for c in simplest_first(not_containing(name, alike), self.library)[:MOST_RIVALS]:
                 assert c.effect is not None
                 if any((name, c.name) == (other.instead_of, other.name) for other in flights):
                     continue
