@@ -7,7 +7,7 @@ import pytest
 
 import tossid
 
-HEAVY = ("numpy", "scipy", "torch", "numba", "mujoco", "cv2", "h5py", "matplotlib", "yaml")
+HEAVY = ("numpy", "scipy", "torch", "numba", "mujoco", "cv2", "h5py", "matplotlib", "gtsam", "yaml")
 
 
 def fresh(code: str) -> str:

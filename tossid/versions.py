@@ -13,6 +13,7 @@ COMPUTE = (
     "llvmlite",
     "torch",
     "mujoco",
+    "gtsam",
     "opencv-python-headless",
     "pupil-apriltags",
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from dataclasses import replace
 
@@ -17,13 +18,13 @@ from tossid.types import Detection
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig
 from tossid.vision.pose_graph.graph import solve
+from tossid.vision.pose_graph.graph_builder import Problem
 from tossid.vision.pose_graph.initial import initialise
 from tossid.vision.pose_graph.reprojection import printed_corners
 from tossid.vision.pose_graph.scene import corner_growth, observe
 from tossid.vision.pose_graph.setup_checks import check_set_up
 from tossid.vision.pose_graph.state import given, priors
 from tossid.vision.pose_graph.track import Tracked, track_scene
-from tossid.vision.pose_graph.unknowns import Problem
 from tossid.vision.setup.layout import Body, BodyTag, Measurement, TagLayout, layout_of
 
 EVERYTHING = TrackSettings(max_sigma=np.inf, max_angle_sigma=np.inf)
@@ -263,12 +264,9 @@ def test_a_moved_camera_is_reported_even_where_no_pose_is_left(tagged: ObjectMod
         track(detections, (A, B, C), tagged)
 
 
-@pytest.mark.parametrize(
-    ("n_cameras", "factor", "said"),
-    [(3, 7 / 9, "0.78"), (3, 1.06, "1.06"), (3, 0.001, "0.001"), (2, 10.0, "10"), (1, 0.0254, "0.0254")],
-)
+@pytest.mark.parametrize(("n_cameras", "factor"), [(3, 7 / 9), (3, 1.06), (3, 0.001), (2, 10.0), (1, 0.0254)])
 def test_tags_of_another_size_than_stated_are_reported_with_the_factor(
-    tagged: ObjectModel, n_cameras: int, factor: float, said: str
+    tagged: ObjectModel, n_cameras: int, factor: float
 ) -> None:
     """Stated over the white border, or in other units: what is filmed is `factor` times as large."""
     cameras = default_rig()[:n_cameras]
@@ -276,4 +274,6 @@ def test_tags_of_another_size_than_stated_are_reported_with_the_factor(
     scene = observe(detections, cameras, layout_of(_of_size(tagged, 1 / factor)), dropped=Counter())
     (suspect,) = check_set_up(scene, given(scene))
     assert (suspect.kind, suspect.name) == ("size", tagged.body_names[0])
-    assert f"appear {said} times as large as stated" in suspect.message
+    said = re.search(r"appear ([\d.]+) times as large as stated", suspect.message)
+    assert said
+    assert float(said[1]) == pytest.approx(factor, rel=0.01)

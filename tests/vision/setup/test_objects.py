@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import gtsam
 import numpy as np
 import pytest
 
 from tossid.errors import ObjectError
 from tossid.objects import ObjectModel, body_poses
-from tossid.rotations import matrix_to_rotvec, quat_normalize, transform, transform_inv
-from tossid.vision.pose_graph.resect import retract
+from tossid.rotations import quat_normalize, transform, transform_inv
 from tossid.vision.setup.faces import tag_corners
 from tossid.vision.setup.hinge import Hinge, Hinges
 from tossid.vision.setup.layout import articulated, layout_of, object_tags
@@ -84,16 +84,16 @@ def test_how_a_chain_moves() -> None:
     rng = np.random.default_rng(1)
     hinges, angles = Hinges.of([_some_hinge(rng) for _ in range(3)]), rng.uniform(-2, 2, 3)
     T_root = transform(rng.normal(size=3), quat_normalize(rng.normal(size=4)))
-    _, J = hinges.swing(T_root, angles)
+    T, J = hinges.swing(T_root, angles)
     for k in range(9):
         ends = []
         for step in (1e-6, -1e-6):
-            tangent, turned = np.zeros(6), angles.copy()
+            root, turned = gtsam.Pose3(T_root), angles.copy()
             if k < 6:
-                tangent[k] = step
+                root = root.retract(step * np.eye(6)[k])
             else:
                 turned[k - 6] += step
-            ends.append(hinges.swing(retract(T_root, tangent), turned)[0])
-        between = transform_inv(ends[1]) @ ends[0]
-        numerical = np.concatenate([matrix_to_rotvec(between[:3, :3]), between[:3, 3]]) / 2e-6
+            ends.append(hinges.swing(root.matrix(), turned)[0])
+        numerical = (gtsam.Pose3(T).localCoordinates(gtsam.Pose3(ends[0])) * 1.0) / 2e-6
+        numerical -= gtsam.Pose3(T).localCoordinates(gtsam.Pose3(ends[1])) / 2e-6
         np.testing.assert_allclose(J[:, k], numerical, atol=1e-6)

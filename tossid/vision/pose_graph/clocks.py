@@ -21,11 +21,10 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from tossid.errors import InputError
-from tossid.rotations import matrix_to_quat, transform
+from tossid.rotations import matrix_to_quat, quat_boxminus, quat_exp, quat_mul, transform
 from tossid.settings.tracking import TrackSettings
 from tossid.types import Detection
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.cameras.shutter import poses_at
 from tossid.vision.pose_graph.initial import choose
 from tossid.vision.pose_graph.resect import resect
 from tossid.vision.pose_graph.scene import Scene, gap, observe
@@ -192,10 +191,15 @@ def _lone_motion(scene: Scene, rows: Ints, T_target_tag: Array, settings: TrackS
 
 def _interpolated(t: Array, T: Array, times: Array, max_gap: float) -> tuple[Array, Bools]:
     """Poses at some times (k,), between poses (m, 4, 4) at times (m,) in order; and which lie within no `gap`."""
+    position, quat = T[:, :3, 3], matrix_to_quat(T[:, :3, :3])
     after = np.clip(np.searchsorted(t, times), 1, len(t) - 1)
-    within = (times >= t[0]) & (times <= t[-1]) & (t[after] - t[after - 1] <= gap(t, max_gap))
-    q = poses_at(t, np.concatenate([T[:, :3, 3], matrix_to_quat(T[:, :3, :3])], axis=1), times)
-    return transform(q[:, :3], q[:, 3:7]), np.asarray(within)
+    before = after - 1
+    step = t[after] - t[before]
+    share = (times - t[before]) / step
+    good = (share >= 0) & (share <= 1) & (step <= gap(t, max_gap))
+    share = np.clip(share, 0, 1)[:, None]
+    turn = quat_mul(quat[before], quat_exp(share * quat_boxminus(quat[after], quat[before])))
+    return transform(position[before] * (1 - share) + position[after] * share, turn), np.asarray(good)
 
 
 class _Grid:

@@ -1,4 +1,4 @@
-"""The pose graph: all poses of a scene from what was seen and what was known before, with covariances.
+"""The pose graph: all poses of a scene from what was seen and what was known before, with covariances (GTSAM).
 
 The time steps of a long recording share only what is static. Where that is to be calibrated, a sample of steps
 calibrates it in one batch; the steps follow in windows, with the result as their prior, so that memory does not grow
@@ -9,46 +9,62 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from tossid.errors import SolverError
-from tossid.vision.pose_graph.batch import Batch, Point
-from tossid.vision.pose_graph.least_squares import Eliminated, SingularError, covariances, optimise
+from tossid.vision.pose_graph.graph_builder import Problem, build, hinges_of
+from tossid.vision.pose_graph.least_squares import Marginals, marginals_of, optimise
 from tossid.vision.pose_graph.scene import Scene
-from tossid.vision.pose_graph.state import Key, Prior, Solution, State, TimingModel, unsolved
-from tossid.vision.pose_graph.unknowns import Problem
+from tossid.vision.pose_graph.state import (
+    Prior,
+    Solution,
+    State,
+    TimingModel,
+    body_key,
+    camera_key,
+    clock_key,
+    joint_key,
+    print_key,
+    tag_key,
+    unsolved,
+)
+from tossid.vision.setup.hinge import Hinges
 from tossid.vision.setup.layout import chain, descendants
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
+INDEPENDENT_WINDOW = 60
+"""Time steps that are optimised together where steps share no unknown; the slowest of them sets how often all of them
+are linearised."""
 SAMPLED_STEPS = 20
 """Of a recording longer than a window, so many time steps of each tag and camera, at least, calibrate these."""
 
 
-def solve(problem: Problem, state: State) -> Solution:
+def solve(problem: Problem, state: State, *, steps: Ints | None = None) -> Solution:
     """The optimal poses of everything that the used sightings show.
 
     Args:
         problem: What is to be solved.
         state: First poses.
+        steps: Time steps to solve; None for all. The others' poses stay.
 
     Raises:
         SolverError: The optimisation does not reach a finite error.
     """
-    scene, window = problem.scene, problem.settings.stream.window
+    scene, most = problem.scene, problem.settings.stream.window
     timing = problem.timing or TimingModel.none(scene)
-    steps, solution = np.unique(scene.step[problem.used]), unsolved(state, timing.clock)
-    for (kind, i), _, covs, at in _statics(scene, solution):
-        if problem.is_constant(kind, i):
-            covs[at] = 0.0
+    steps = np.unique(scene.step[problem.used]) if steps is None else steps
+    solution = unsolved(state, timing.clock)
+    together = problem.shares_unknowns or timing.free.any()
+    window = most if together else min(most, INDEPENDENT_WINDOW)
     if len(steps) <= window:
         _batch(problem, solution, steps, statics=True)
         return solution
-    learned: dict[Key, Prior] = {}
-    if problem.shares_unknowns or timing.free.any():
+    learned: dict[int, Prior] = {}
+    if together:
         timing, learned = _calibrated(problem, solution, steps, window)
         problem = replace(problem, timing=timing, known={**problem.known, **learned})
     for a in range(0, len(steps), window):
@@ -60,11 +76,11 @@ def solve(problem: Problem, state: State) -> Solution:
     return solution
 
 
-def _calibrated(problem: Problem, solution: Solution, steps: Ints, window: int) -> tuple[TimingModel, dict[Key, Prior]]:
+def _calibrated(problem: Problem, solution: Solution, steps: Ints, window: int) -> tuple[TimingModel, dict[int, Prior]]:
     """Clocks, and prior knowledge of all that is static, from a sample of the steps."""
     scene = problem.scene
     sample = _spread(problem, steps, window)
-    _batch(replace(problem, covariances=True), solution, sample, statics=True)
+    _batch(replace(problem, covariances=True, solved=False), solution, sample, statics=True)
     learned = {
         key: Prior(poses[at].copy(), covs[at].copy() if covs[at].any() else None)
         for key, poses, covs, at in _statics(scene, solution)
@@ -87,77 +103,86 @@ def _spread(problem: Problem, steps: Ints, window: int) -> Ints:
     return np.unique(np.concatenate(chosen))
 
 
-def _statics(scene: Scene, solution: Solution) -> list[tuple[Key, Array, Array, int]]:
+def _statics(scene: Scene, solution: Solution) -> list[tuple[int, Array, Array, int]]:
     """Of all that is static: key, array of poses, array of their covariances, and place in both."""
     state = solution.state
-    slots: list[tuple[Key, Array, Array, int]] = []
-    slots += [(("camera", c), state.camera, solution.camera_cov, c) for c in range(len(scene.cameras))]
-    slots += [(("tag", i), state.tag, solution.tag_cov, i) for i in range(len(scene.tags))]
+    slots = [(camera_key(c), state.camera, solution.camera_cov, c) for c in range(len(scene.cameras))]
+    slots += [(tag_key(i), state.tag, solution.tag_cov, i) for i in range(len(scene.tags))]
     statics = [b for b, body in enumerate(scene.bodies) if body.is_static]
-    return slots + [(("body", b), state.world[b], solution.world_cov[b], 0) for b in statics]
+    return slots + [(body_key(b, 0), state.world[b], solution.world_cov[b], 0) for b in statics]
 
 
 def _batch(problem: Problem, solution: Solution, steps: Ints, *, statics: bool) -> None:
     """Optimise some steps together, into the solution; `statics`: with prints and measured lengths."""
-    batch = Batch(problem, solution.state, steps, statics=statics)
-    point = optimise(batch, batch.start)
-    found = None
-    if problem.covariances:
-        try:
-            found = covariances(batch.normal(point, scale=problem.scale))
-        except SingularError as error:
-            what = batch.columns.name_of(batch.scene, error.column)
-            raise SolverError(f"the sightings do not determine every pose of the graph (near {what})") from error
-    columns, state = batch.columns, solution.state
-    state.prints[columns.print >= 0] = point.state.prints[columns.print >= 0]
-    solution.clock[:] = np.where(columns.clock >= 0, point.clock, solution.clock)
-    if found is not None:
-        late = columns.clock >= 0
-        solution.clock_sigma[late] = np.sqrt(np.diag(found.cov_s)[columns.clock[late]])
-    first = {"camera": columns.camera, "tag": columns.tag, "body": columns.body}
-    optimised = _statics(problem.scene, replace(solution, state=point.state))
-    for ((kind, i), poses, covs, at), (_, best, _, _) in zip(_statics(problem.scene, solution), optimised, strict=True):
-        own = int(first[kind][i])
-        if own >= 0:
-            poses[at] = best[at]
-            if found is not None:
-                covs[at] = found.cov_s[own : own + 6, own : own + 6]
-    for b, body in enumerate(problem.scene.bodies):
-        if not body.is_static and body.hinge is None and columns.body[b] >= 0:
-            _update_tree(solution, b, steps, batch, point, found)
+    scene, state = problem.scene, solution.state
+    built = build(problem, state, problem.used & np.isin(scene.step, steps), statics=statics)
+    values = built.values if problem.solved else optimise(built.graph, built.values)
+    built.noise.scale = problem.scale
+    slots, marginals = _statics(scene, solution), None
+    if problem.covariances and values.size():
+        shared = {slot[0] for slot in slots} | {print_key(i) for i in range(len(scene.tags))}
+        shared |= {clock_key(c) for c in range(len(scene.cameras))}
+        marginals = marginals_of(built.graph, values, shared)
+    for b, body in enumerate(scene.bodies):
+        for step in () if body.is_static or body.hinge is not None else steps:
+            slots.append((body_key(b, int(step)), state.world[b], solution.world_cov[b], int(step)))
+    for key, poses, covs, at in slots:
+        if key in built.fixed:
+            covs[at] = 0.0
+        elif values.exists(key):
+            poses[at] = values.atPose3(key).matrix()
+            if marginals is not None:
+                covs[at] = marginals.joint([key])
+    for root in range(len(scene.bodies)):
+        if descendants(scene.bodies, root):
+            _update_descendants(scene, solution, root, steps, values, marginals)
+    for i in range(len(scene.tags)):
+        if values.exists(print_key(i)):
+            state.prints[i] = values.atPoint3(print_key(i))
+    free = np.zeros(0) if problem.timing is None else problem.timing.free
+    for c in map(int, np.flatnonzero(free)):
+        if values.exists(clock_key(c)):
+            solution.clock[c] = values.atDouble(clock_key(c))
+            if marginals is not None:
+                solution.clock_sigma[c] = float(np.sqrt(marginals.joint([clock_key(c)])[0, 0]))
 
 
-def _update_tree(
-    solution: Solution, root: int, steps: Ints, batch: Batch, point: Point, found: Eliminated | None
+def _update_descendants(
+    scene: Scene, solution: Solution, root: int, steps: Ints, values: gtsam.Values, marginals: Marginals | None
 ) -> None:
-    """Put into the solution the poses and covariances of a moving body and of all that hang on it.
+    """Put into the solution the poses and covariances of all bodies that hang on one.
 
     Args:
+        scene: The set-up.
         solution: Changed.
-        root: Number of the body.
+        root: Number of the body that the others hang on.
         steps: Time steps that were optimised, (k,).
-        batch: The same as a problem.
-        point: Optimised values.
-        found: Their covariances; None to leave covariances out.
+        values: Optimised values.
+        marginals: Their covariances; None to leave covariances out.
     """
-    scene, links, columns = batch.scene, descendants(batch.scene.bodies, root), batch.columns
-    seen, at = batch.sees(root), columns.body[root] - columns.shared
-    solution.state.world[root][steps[seen]] = point.state.world[root][seen]
-    hangs = {link: batch.sees(link) for link in links}
-    for link in links:
-        solution.state.world[link][steps[hangs[link]]] = point.state.world[link][hangs[link]]
-    if found is None:
-        return
-    n, width = len(solution.state.world[root]), 6 + len(links)
-    known = np.ones((len(steps), width), dtype=bool)
-    known[:, 6:] = np.stack([hangs[link] for link in links], axis=1) if links else True
-    cov = found.cov_k[:, at : at + width, at : at + width]
-    solution.world_cov[root][steps[seen]] = cov[seen, :6, :6]
-    if links:
-        tree = solution.tree_cov.setdefault(root, np.full((n, width, width), np.nan))
-        tree[steps[seen]] = np.where(known[:, :, None] & known[:, None, :], cov, np.nan)[seen]
-    for link in links:
-        J = point.swing[link][hangs[link]]
-        index = [*range(6), *(columns.angle[chain(scene.bodies, link)[1]] - columns.shared - at)]
-        own = cov[hangs[link]][:, index][:, :, index]
-        solution.world_cov[link][steps[hangs[link]]] = J @ own @ np.swapaxes(J, 1, 2)
+    links = descendants(scene.bodies, root)
+    n, m = len(solution.state.world[root]), len(links)
+    tree = solution.tree_cov.setdefault(root, np.full((n, 6 + m, 6 + m), np.nan))
+    for step in map(int, steps):
+        at = {b: i for i, b in enumerate(links) if values.exists(joint_key(b, step))}
+        if not at or not values.exists(body_key(root, step)):
+            continue
+        if marginals is not None:
+            tree[step] = _tree_cov(marginals, body_key(root, step), {joint_key(b, step): i for b, i in at.items()}, m)
+        for b in at:
+            way = chain(scene.bodies, b)[1]
+            if not all(link in at for link in way):
+                continue
+            angles = [values.atDouble(joint_key(link, step)) for link in way]
+            T, J = Hinges.of(hinges_of(scene, way)).swing(values.atPose3(body_key(root, step)).matrix(), angles)
+            solution.state.world[b][step] = T
+            index = [*range(6), *(6 + at[link] for link in way)]
+            solution.world_cov[b][step] = J @ tree[step][np.ix_(index, index)] @ J.T
+
+
+def _tree_cov(marginals: Marginals, root: int, joints: dict[int, int], m: int) -> Array:
+    """(6 + m, 6 + m) of a root's tangent and m angles, NaN of angles that the graph does not have."""
+    at = [*range(6), *(6 + i for i in joints.values())]
+    cov = np.full((6 + m, 6 + m), np.nan)
+    cov[np.ix_(at, at)] = marginals.joint([root, *joints])
+    return cov

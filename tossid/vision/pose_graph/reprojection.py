@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.rotations import transform_inv
-from tossid.vision.pose_graph.corner_projection import corner_residuals
+from tossid.vision.pose_graph.corner_projection import corner_errors
 from tossid.vision.pose_graph.resect import chi2_scale, retract
 from tossid.vision.pose_graph.scene import Scene
 from tossid.vision.pose_graph.state import State, TimingModel
@@ -60,52 +59,6 @@ class ReprojectionErrors:
         return chi2_scale(square, corners[steps] - 6)
 
 
-class Chain(NamedTuple):
-    """The transforms between each sighting's camera and tag, (d, 4, 4).
-
-    X_cam = T_rig_cam⁻¹ · (T_world_rig M_rig(δ))⁻¹ · T_world_body M_body(δ) · T_body_tag · X_tag, where M(δ) is the
-    motion from the step to the frame's own time δ after it.
-
-    Attributes:
-        T_cam_rig: The camera on its rig.
-        rig_motion_inv: M_rig(δ)⁻¹.
-        T_rig_body: In the time step.
-        body_motion: M_body(δ).
-        T_body_tag: The tag on its body.
-    """
-
-    T_cam_rig: Array
-    rig_motion_inv: Array
-    T_rig_body: Array
-    body_motion: Array
-    T_body_tag: Array
-
-    @property
-    def T_cam_tag(self) -> Array:
-        """Their product, (d, 4, 4)."""
-        return self.T_cam_rig @ self.rig_motion_inv @ self.T_rig_body @ self.body_motion @ self.T_body_tag
-
-
-def chain_of(scene: Scene, state: State, timing: TimingModel, *, T_rig_cam: Array | None = None) -> Chain:
-    """The transforms between all sightings' cameras and tags.
-
-    Args:
-        scene: The sightings.
-        state: The poses.
-        timing: Motion between a step and a frame's own time.
-        T_rig_cam: Of each sighting's camera, (d, 4, 4); None: as in `state`.
-    """
-    rig, body, still = scene.rig[scene.camera], scene.body[scene.tag], np.eye(4)
-    T_rig_cam = state.camera[scene.camera] if T_rig_cam is None else T_rig_cam
-    delay = (scene.delay - timing.clock[scene.camera])[:, None]
-    rig_motion, body_motion = (
-        retract(np.broadcast_to(still, (len(delay), 4, 4)), delay * timing.rate(b, scene.step)) for b in (rig, body)
-    )
-    T_rig_body = transform_inv(state.at(rig, scene.step)) @ state.at(body, scene.step)
-    T_cam_rig, T_body_tag = transform_inv(T_rig_cam), state.tag[scene.tag]
-    return Chain(T_cam_rig, transform_inv(rig_motion), T_rig_body, body_motion, T_body_tag)
-
-
 def reproject(
     scene: Scene, state: State, timing: TimingModel | None = None, *, spread_sigma: float = 0.0
 ) -> ReprojectionErrors:
@@ -117,9 +70,16 @@ def reproject(
         timing: Motion between a step and a frame's own time; None for none.
         spread_sigma: Standard deviation of the spread of tags' edges, over the noise's scale [px].
     """
-    T_cam_tag = chain_of(scene, state, timing or TimingModel.none(scene)).T_cam_tag
+    rig, body = scene.rig[scene.camera], scene.body[scene.tag]
+    T_world_rig, T_world_body = state.at(rig, scene.step), state.at(body, scene.step)
+    if timing is not None:
+        delay = (scene.delay - timing.clock[scene.camera])[:, None]
+        T_world_rig, T_world_body = (
+            retract(T, delay * _twists(timing, index, scene)) for T, index in ((T_world_rig, rig), (T_world_body, body))
+        )
+    T_cam_tag = transform_inv(state.camera[scene.camera]) @ transform_inv(T_world_rig) @ T_world_body
     corners = scene.half[:, None, None] * printed_corners(state.prints[scene.tag])
-    flat, _ = corner_residuals(T_cam_tag, corners, scene.seen, np.tile(np.eye(2), (len(corners), 4, 1, 1)))
+    flat = corner_errors(T_cam_tag @ state.tag[scene.tag], corners, scene.seen)
     whiten = scene.whiten / np.sqrt(scene.count)[:, None, None, None]
     growth = np.squeeze(whiten @ scene.edge_growth[..., None], -1)
     certainty2 = np.sum(growth**2, axis=(1, 2))
@@ -150,3 +110,11 @@ def printed_corners(prints: Array) -> Array:
     """
     x, y = (SQUARE[:, k] * (1 + prints[..., k, None]) for k in (0, 1))
     return np.stack([x, y, SQUARE[:, 0] * SQUARE[:, 1] * prints[..., 2, None]], axis=-1)
+
+
+def _twists(timing: TimingModel, body: NDArray[np.int64], scene: Scene) -> Array:
+    out = np.zeros((len(body), 6))
+    for b, twist in enumerate(timing.twist):
+        own = body == b
+        out[own] = twist[scene.step[own] if len(twist) > 1 else np.zeros(own.sum(), dtype=np.int64)]
+    return out

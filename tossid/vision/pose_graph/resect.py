@@ -9,7 +9,7 @@ The unknown T_parent_target can so be a body's pose, a rig's, a tag's or a camer
 sighting, sorted by the unknown pose ("group") that it belongs to; all groups are computed together.
 
 Corners are in normalised image coordinates (X/Z, Y/Z), undistorted once (docs/method/pose-graph.md). A pose's tangent
-is (rotation, translation) in the target's own frame.
+is GTSAM's: (rotation, translation) in the target's own frame.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from tossid.rotations import (
     transform_inv,
     transform_points,
 )
-from tossid.vision.pose_graph.corner_projection import HUBER, contradictions, corner_residuals, huber_loss
+from tossid.vision.pose_graph.corner_projection import HUBER, contradictions, normal_equations, whitened_sizes
 from tossid.vision.setup.layout import SQUARE
 
 Array = NDArray[np.float64]
@@ -40,8 +40,6 @@ ITERATIONS = 8
 """Gauss-Newton steps of a fit, which starts at a candidate of a single tag."""
 DISTINCT_ANGLE = np.deg2rad(20.0)
 """Angle above which two poses are two hypotheses, not one pose with an error [rad]."""
-BEHIND = 1e6
-"""Whitened residual that stands for that of a tag with a corner behind the lens."""
 PROPOSING_TAGS, JUDGING_SIGHTINGS = 24, 96
 """Of one unknown pose, so many of the largest tags propose candidates, and so many sightings judge these."""
 
@@ -77,21 +75,6 @@ class Sightings:
     def points(self) -> Array:
         """Corners in the target's frame [m], (d, 4, 3)."""
         return transform_points(self.T_target_tag, self.half[:, None, None] * SQUARE)
-
-    def errors(self, T_parent_target: Array) -> tuple[Array, Array, Array]:
-        """Whitened residuals under given poses.
-
-        Args:
-            T_parent_target: Of each sighting, (d, 4, 4); one matrix for all may do.
-
-        Returns:
-            The residuals (d, 8); their derivatives by the target's tangent (d, 8, 6); and their sizes by corner (d, 4),
-            `BEHIND` for all four, with no residual, if one corner is behind the lens.
-        """
-        r, J = corner_residuals(self.T_cam_parent @ T_parent_target, self.points, self.seen, self.whiten)
-        in_front = np.isfinite(r).all(axis=(1, 2))[:, None]
-        size = np.where(in_front, np.hypot(r[..., 0], r[..., 1]), BEHIND)
-        return np.where(in_front, r.reshape(-1, 8), 0.0), J.reshape(-1, 8, 6), size
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,20 +177,20 @@ def fit(s: Sightings, T: Array) -> tuple[Array, Array, Bools]:
     start = np.searchsorted(s.group, np.arange(n))
     ok = np.isfinite(T).all(axis=(1, 2))
     T[~ok] = np.eye(4)
+    seen = (s.points, np.ascontiguousarray(s.seen), np.ascontiguousarray(s.whiten))
     for iteration in range(ITERATIONS + 1):
-        r, J, size = s.errors(T[s.group])
+        T_cam_target = s.T_cam_parent @ T[s.group]
+        size = whitened_sizes(T_cam_target, *seen)
         if iteration == ITERATIONS:
             break
         last = iteration >= ITERATIONS // 2
         limit = np.full(n, HUBER) if last else np.maximum(HUBER, 2 * _median(size, start))
-        weight = np.where(size < BEHIND, np.minimum(1.0, limit[s.group, None] / np.maximum(size, 1e-12)), 0.0)
-        weighted = np.swapaxes(J * np.repeat(weight, 2, axis=1)[..., None], 1, 2)
-        information, gradient = (np.add.reduceat(weighted @ A, start) for A in (J, r[..., None]))
+        information, gradient = normal_equations(s.group, n, T_cam_target, *seen, size, limit)
         spread = np.linalg.eigvalsh(information)
         ok &= spread[:, 0] > 1e-14 * spread[:, -1]
         damped = information + 1e-9 * np.trace(information, axis1=1, axis2=2)[:, None, None] * np.eye(6)
         damped[~ok] = np.eye(6)
-        move = np.where(ok[:, None], -np.linalg.solve(damped, gradient)[..., 0], 0.0)
+        move = np.where(ok[:, None], -np.linalg.solve(damped, gradient[..., None])[..., 0], 0.0)
         # a step turns by half a radian and moves by half of the distance to the tags at most
         reach = 0.5 * np.add.reduceat(np.abs(s.T_cam_tag[:, 0, 2, 3]), start) / np.diff(np.append(start, len(size)))
         reach = np.where(np.isfinite(reach), reach, 0.25)
@@ -215,6 +198,11 @@ def fit(s: Sightings, T: Array) -> tuple[Array, Array, Bools]:
         T = retract(T, move / np.maximum(over, 1.0)[:, None])
     ok = np.asarray(ok & np.isfinite(T).all(axis=(1, 2)))
     return T, np.add.reduceat(huber_loss(size).sum(axis=1), start), ok
+
+
+def huber_loss(size: Array) -> Array:
+    """Huber's loss of whitened residuals' sizes, of any shape: twice the usual ρ, so squares up to `HUBER`."""
+    return np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2)
 
 
 def _median(size: Array, start: Ints) -> Array:

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from tossid.rotations import matrix_to_quat, quat_boxminus
 from tossid.settings.tracking import TrackSettings
+from tossid.vision.pose_graph.factors import IDEAL_TAGS, TagModel
 from tossid.vision.pose_graph.graph import solve
+from tossid.vision.pose_graph.graph_builder import Problem
 from tossid.vision.pose_graph.initial import initialise, place
 from tossid.vision.pose_graph.reprojection import ReprojectionErrors, reproject
-from tossid.vision.pose_graph.residuals import IDEAL_TAGS, TagModel
 from tossid.vision.pose_graph.scene import Scene, gap
 from tossid.vision.pose_graph.setup_checks import Suspect, check_set_up
 from tossid.vision.pose_graph.state import (
@@ -22,9 +23,10 @@ from tossid.vision.pose_graph.state import (
     given,
     is_known,
     priors,
+    tag_key,
+    unsolved,
 )
 from tossid.vision.pose_graph.tag_distortion import converged, estimate_tag_model
-from tossid.vision.pose_graph.unknowns import Problem
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -35,8 +37,8 @@ OUTLIER_PIXELS = 0.5
 COVARIANCE_SLACK = 1.2
 """Covariances are scaled by the residuals' noise where that differs from the corners' own by more than this factor;
 errors such as edges that spread are in the residuals and not in the pose."""
-PASSES, TAG_MODEL_PASSES = 4, 6
-"""Most solutions after which residuals are looked at anew, without and with the tag model."""
+TAG_MODEL_PASSES = 6
+"""Most alternations between poses and tag model."""
 NOISE_SHARE = 0.75
 """The tag model is kept where it brings the noise below this share of the plain model's."""
 LEFT_OUT_SHARE, RESIDUAL_RATIO = 0.02, 1.5
@@ -81,19 +83,20 @@ def solve_scene(scene: Scene, free: Bools, *, settings: TrackSettings) -> Solved
         SolverError: The poses are not determined.
     """
     state = initialise(scene, settings=settings)
-    known = priors(scene) | {("tag", i): Prior(np.eye(4), None) for i in state.gauge}
+    known = priors(scene) | {tag_key(i): Prior(np.eye(4), None) for i in state.gauge}
     problem = Problem(scene, np.ones(len(scene.step), dtype=bool), known, settings)
-    solution = solve(problem, state)
+    hangs = any(body.hinge is not None for body in scene.bodies)
     if problem.shares_unknowns:
-        # moving bodies are placed again with the calibrated statics, and all is solved again
-        state = solution.state
+        # first all poses; then moving bodies are placed again with the calibrated statics, and all solved again
+        state = solve(problem, state).state
         place(scene, state, settings=settings, last_resort=True, refresh=True)
         solution = solve(problem, state)
-    plain = _refined(_fitted(problem, solution), free)
-    everything = replace(plain.problem, used=np.ones_like(problem.used))
-    fit = _refined(replace(plain, problem=everything), free, tag_model=True)
-    noise, plain_noise = (one.errors.scale(scene, one.problem.used) for one in (fit, plain))
-    fit = fit if noise < NOISE_SHARE * plain_noise else plain
+    elif hangs:
+        solution = solve(problem, state)
+    else:  # the fits of the first poses are the optimum
+        solution = unsolved(state, np.zeros(len(scene.cameras)))
+    plain = _without_outliers(problem, free, solution)
+    fit = _with_tag_model(plain, free) or plain
     used = fit.problem.used & np.isfinite(fit.errors.pixels)
     scale = fit.errors.scale(scene, used)
     problem = replace(
@@ -101,6 +104,10 @@ def solve_scene(scene: Scene, free: Bools, *, settings: TrackSettings) -> Solved
         used=used,
         scale=scale if abs(np.log(scale)) > np.log(COVARIANCE_SLACK) else 1.0,
         covariances=True,
+        solved=hangs
+        and fit.problem.timing is None
+        and not problem.shares_unknowns
+        and bool((used == fit.problem.used).all()),
     )
     suspects = check_set_up(scene, given(scene)) if _exceeds_noise(fit.errors, fit.problem.used) else []
     final = _fitted(problem, solve(problem, fit.solution.state))
@@ -122,27 +129,43 @@ def _fitted(problem: Problem, solution: Solution) -> _Fit:
     return _Fit(problem, solution, reproject(problem.scene, solution.state, problem.timing, spread_sigma=sigma))
 
 
-def _refined(fit: _Fit, free: Bools, *, tag_model: bool = False) -> _Fit:
-    """The graph solved again with what its residuals show, until they show nothing new.
-
-    These are outliers, the motion within time steps with the clocks, and, if asked for, the tag model.
-    """
-    scene = fit.problem.scene
-    timed = _timing(fit.problem, fit.solution, free) is not None
-    fewest = 0 if tag_model or not timed else PASSES if free.any() else 2
-    for passes in range(TAG_MODEL_PASSES if tag_model else PASSES):
-        problem = fit.problem
-        outlier = _outliers(problem, fit.errors)
-        if timed and problem.timing is None:  # poses that took a step's frames for simultaneous tell no outlier
-            outlier[:] = False
-        used = problem.used & ~outlier
-        model = estimate_tag_model(scene, fit.errors, used, problem.tag_model) if tag_model else IDEAL_TAGS
-        new = outlier.any() or not converged(problem.tag_model, model)
-        if (tag_model and model == IDEAL_TAGS) or not (new or passes < fewest):
+def _without_outliers(problem: Problem, free: Bools, solution: Solution) -> _Fit:
+    """The graph solved again without outliers, until there are none."""
+    timing = _timing(problem, solution, free)
+    if timing is not None:  # poses that took a step's frames for simultaneous tell no outlier
+        problem = replace(problem, timing=timing)
+        solution = solve(problem, solution.state)
+    for _ in range(3):
+        problem = replace(problem, timing=_timing(problem, solution, free))
+        outlier = _outliers(problem, _fitted(problem, solution).errors)
+        if not outlier.any() and problem.timing is None:
             break
-        problem = replace(problem, used=used, tag_model=model, timing=_timing(problem, fit.solution, free))
-        fit = _fitted(problem, solve(problem, fit.solution.state))
-    return fit
+        problem = replace(problem, used=problem.used & ~outlier)
+        # steps that share no unknown are solved again only where a sighting was left out
+        alone = problem.timing is None and not problem.shares_unknowns
+        changed = np.unique(problem.scene.step[outlier]) if alone else None
+        solution = solve(problem, solution.state, steps=changed)
+        if not outlier.any() and not free.any():
+            break
+    return _fitted(problem, solution)
+
+
+def _with_tag_model(plain: _Fit, free: Bools) -> _Fit | None:
+    """The graph solved with the tag model that the residuals show; None where that explains little of them."""
+    fit, scene = plain, plain.problem.scene
+    problem = replace(plain.problem, used=np.ones_like(plain.problem.used))
+    for _ in range(TAG_MODEL_PASSES):
+        outlier = _outliers(problem, fit.errors)
+        before, used = problem.tag_model, problem.used & ~outlier
+        problem = replace(problem, used=used, tag_model=estimate_tag_model(scene, fit.errors, used, before))
+        done = converged(before, problem.tag_model) and not outlier.any()
+        if problem.tag_model == IDEAL_TAGS or done:
+            break
+        solution = solve(problem, fit.solution.state)
+        problem = replace(problem, timing=_timing(problem, solution, free))
+        fit = _fitted(problem, solution)
+    noise, plain_noise = (one.errors.scale(scene, one.problem.used) for one in (fit, plain))
+    return fit if fit is not plain and noise < NOISE_SHARE * plain_noise else None
 
 
 def _exceeds_noise(errors: ReprojectionErrors, used: Bools) -> bool:

@@ -12,8 +12,8 @@ from scipy.optimize import minimize_scalar
 
 from tossid.rotations import geodesic_angle, matrix_to_quat, transform_inv
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.pose_graph.corner_projection import huber_loss
-from tossid.vision.pose_graph.resect import Sightings, resect
+from tossid.vision.pose_graph.corner_projection import whitened_sizes
+from tossid.vision.pose_graph.resect import Sightings, huber_loss, resect
 from tossid.vision.pose_graph.scene import Scene, swapped
 from tossid.vision.pose_graph.state import State, is_known
 
@@ -213,7 +213,8 @@ def _moved_tag(scene: Scene, state: State, T_rig_body: Array, tag: int) -> Suspe
 
 def _cost(s: Sightings, T: Array) -> float:
     """Robust sum of squared whitened residuals under a given pose (4, 4)."""
-    return float(np.sum(huber_loss(s.errors(T)[2])))
+    size = whitened_sizes(s.T_cam_parent @ T, s.points, s.seen, np.ascontiguousarray(s.whiten))
+    return float(np.sum(huber_loss(size)))
 
 
 def _wrong_camera(scene: Scene, state: State, T_rig_body: Array, c: int) -> Suspect | None:

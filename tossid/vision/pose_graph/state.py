@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,11 +16,11 @@ from tossid.vision.setup.layout import Body, BodyTag
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-Key = tuple[str, int]
-"""What is static: "camera", "tag" or "body", and its number."""
 
 EXACT = 2e-6
 """Standard deviation up to which a pose is a constant [m, rad]; a smaller one would make the graph ill-conditioned."""
+STEPS = 2**32
+"""Time steps that the keys of a body have room for."""
 
 
 @dataclass(eq=False)
@@ -47,22 +48,17 @@ class State:
             body: Number of the body, (d,).
             step: Time step, (d,).
         """
-        return _rows(self.world, body, step)
+        out = np.full((len(body), 4, 4), np.nan)
+        for b, T in enumerate(self.world):
+            own = body == b
+            out[own] = T[step[own] if len(T) > 1 else np.zeros(own.sum(), dtype=np.int64)]
+        return out
 
     def copy(self) -> State:
         """A copy that can be changed."""
         return State(
             self.camera.copy(), self.tag.copy(), [T.copy() for T in self.world], self.prints.copy(), list(self.gauge)
         )
-
-
-def _rows(by_body: Sequence[Array], body: Ints, step: Ints) -> Array:
-    """Of arrays by body, with a row for each step or one for all of them: those of some bodies in some steps."""
-    out = np.empty((len(body), *by_body[0].shape[1:]))
-    for b, values in enumerate(by_body):
-        own = body == b
-        out[own] = values[step[own] if len(values) > 1 else np.zeros(own.sum(), dtype=np.int64)]
-    return out
 
 
 def is_known(T: Array) -> Bools:
@@ -99,15 +95,6 @@ class TimingModel:
     twist: list[Array]
     clock: Array
     free: Bools
-
-    def rate(self, body: Ints, step: Ints) -> Array:
-        """The motion of each row's body in its step, (d, 6).
-
-        Args:
-            body: Number of the body, (d,).
-            step: Time step, (d,).
-        """
-        return _rows(self.twist, body, step)
 
     @classmethod
     def none(cls, scene: Scene) -> TimingModel:
@@ -199,9 +186,39 @@ class Prior:
         return cls(T, None if exact else np.diag(np.concatenate([rotation, position]) ** 2))
 
 
-def priors(scene: Scene) -> dict[Key, Prior]:
-    """The set-up's poses of cameras, tags and static bodies."""
-    found: dict[Key, Prior | None] = {("camera", c): Prior.of_camera(camera) for c, camera in enumerate(scene.cameras)}
-    found |= {("tag", i): Prior.of_tag(tag) for i, tag in enumerate(scene.tags)}
-    found |= {("body", b): Prior.of_body(body) for b, body in enumerate(scene.bodies) if body.is_static}
+def priors(scene: Scene) -> dict[int, Prior]:
+    """The set-up's poses of cameras, tags and static bodies, by key."""
+    found = {camera_key(c): Prior.of_camera(camera) for c, camera in enumerate(scene.cameras)}
+    found |= {tag_key(i): Prior.of_tag(tag) for i, tag in enumerate(scene.tags)}
+    found |= {body_key(b, 0): Prior.of_body(body) for b, body in enumerate(scene.bodies)}
     return {key: prior for key, prior in found.items() if prior is not None}
+
+
+def camera_key(c: int) -> int:
+    """Key of T_rig_cam."""
+    return int(gtsam.symbol("c", c))
+
+
+def tag_key(i: int) -> int:
+    """Key of T_body_tag."""
+    return int(gtsam.symbol("t", i))
+
+
+def body_key(b: int, step: int) -> int:
+    """Key of T_world_body in a time step (0 for a static one)."""
+    return int(gtsam.symbol("x", b * STEPS + step))
+
+
+def joint_key(b: int, step: int) -> int:
+    """Key of the angle of the hinge that a body hangs on, in a time step."""
+    return int(gtsam.symbol("j", b * STEPS + step))
+
+
+def print_key(i: int) -> int:
+    """Key of a tag's print."""
+    return int(gtsam.symbol("p", i))
+
+
+def clock_key(c: int) -> int:
+    """Key of a camera's clock offset."""
+    return int(gtsam.symbol("o", c))

@@ -23,8 +23,8 @@ from tossid.rotations import quat_continuous
 from tossid.settings.tracking import StreamSettings, TrackSettings
 from tossid.types import Detection, PoseTrack
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.pose_graph.batch import CLOCK_SIGMA
 from tossid.vision.pose_graph.clocks import Clocks, clock_offsets
+from tossid.vision.pose_graph.graph_builder import CLOCK_SIGMA
 from tossid.vision.pose_graph.report import FrameErrors, TrackReport
 from tossid.vision.pose_graph.setup_checks import Suspect
 from tossid.vision.pose_graph.state import Prior

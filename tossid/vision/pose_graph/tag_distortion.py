@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tossid.vision.pose_graph.factors import IDEAL_TAGS, TagModel
 from tossid.vision.pose_graph.reprojection import ReprojectionErrors
-from tossid.vision.pose_graph.residuals import IDEAL_TAGS, TagModel
 from tossid.vision.pose_graph.scene import Scene
 
 Bools = NDArray[np.bool_]

@@ -12,9 +12,9 @@ from tossid.errors import InputError
 from tossid.settings.tracking import TrackSettings
 from tossid.types import Detection, PoseTrack
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.pose_graph.batch import CLOCK_SIGMA
 from tossid.vision.pose_graph.clocks import SAME, Clocks, clock_offsets
 from tossid.vision.pose_graph.gating import gate_steps, pose_track
+from tossid.vision.pose_graph.graph_builder import CLOCK_SIGMA
 from tossid.vision.pose_graph.report import (
     CONTRADICTS,
     FrameErrors,

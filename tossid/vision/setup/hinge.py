@@ -1,8 +1,8 @@
 """Bodies that hang on others by a hinge: where they are at an angle, and what the angle is.
 
 T_parent_body(θ) = T_parent_body(0) · T(θ), T(θ) the turn by θ about a line that is fixed in the body. In the pose graph
-such a body has one variable a time step, its angle; its sightings are functions of its root's pose and of the angles
-between (`batch.Batch`).
+such a body has one variable a time step, its angle; its sightings are factors of its root's pose and of the angles
+between (`factors.view_factor`).
 """
 
 from __future__ import annotations
