@@ -149,6 +149,7 @@ def in_mujoco(mjcf: Path, toss: Toss) -> Rollout:
         toss: As measured.
     """
     from tossid.diagnosis.likelihood.engine_discrepancy import MujocoWorld
+    from tossid.diagnosis.likelihood.windows import make_windows
     from tossid.diagnosis.localisation.rollouts import at_frames, first_states
     from tossid.diagnosis.simulators import world_of_mjcf
     from tossid.objects.files.model_file import read_model_file
@@ -156,7 +157,9 @@ def in_mujoco(mjcf: Path, toss: Toss) -> Rollout:
 
     world, _ = world_of_mjcf(mjcf, width=load_object("cube").width)
     simulated = MujocoWorld(read_model_file(mjcf).compiled(), world)
-    (q,) = at_frames([toss], first_states([toss], world), frame_time([toss]), simulated.roll_out)
+    (q,) = at_frames(
+        [toss], first_states([toss], world, make_windows([toss], world.object)), frame_time([toss]), simulated.roll_out
+    )
     return Rollout(toss.t, q, np.full_like(toss.v, np.nan), np.zeros((len(toss), 8)))
 
 

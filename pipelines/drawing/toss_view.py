@@ -133,7 +133,7 @@ def gap_rollouts(
     import tempfile
 
     from tossid.diagnosis.likelihood.engine_discrepancy import MujocoWorld
-    from tossid.diagnosis.likelihood.windows import steps_of
+    from tossid.diagnosis.likelihood.windows import make_windows, steps_of
     from tossid.diagnosis.localisation.rollouts import first_states
     from tossid.diagnosis.patch.make import ASSETS, read_spec
     from tossid.diagnosis.simulators import world_of_mjcf
@@ -144,7 +144,7 @@ def gap_rollouts(
     runs: dict[str, Array] = {}
     if report.get("simulator", {}).get("sim") == "nominal":
         world = World(dataset.object)
-        q0, v0 = first_states(tosses, world)
+        q0, v0 = first_states(tosses, world, make_windows(tosses, world.object))
         runs["stated"] = world.roll_out(q0, v0, n_steps=steps, dt=dt, **steps_of(world))
     patch = report.get("patch", {})
     if patch.get("mjcf"):
@@ -156,7 +156,7 @@ def gap_rollouts(
             world, _ = world_of_mjcf(path, width=dataset.object.width)
             model = read_spec(path).compile()
         patched = MujocoWorld(model, replace(world, ground_height=0.0, ground_tilt=(0.0, 0.0)))
-        q0, v0 = first_states(tosses, world)
+        q0, v0 = first_states(tosses, world, make_windows(tosses, world.object))
         runs["patched"] = patched.roll_out(q0, v0, n_steps=steps, dt=dt)
     if patch.get("recording"):
         console.warn(f"rollouts are not corrected for what is wrong of the recording: {', '.join(patch['recording'])}")
