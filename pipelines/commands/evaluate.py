@@ -77,6 +77,9 @@ def _evaluate(
     console.table(head, rows, title=f"{name}: {count} tosses")
     if scores.per_toss.diverged:
         console.warn(f"{scores.per_toss.diverged} of {count} rollouts diverged")
+    leak = trained.parameters.get("copies")
+    if leak is not None and about["split"] == "test":
+        console.warn(f"{about['data']}: {leak['warning']}")
     console.say(f"{len(figures)} figures in {folder / 'figures'}")
     return result
 

@@ -40,6 +40,8 @@ def run(config: TrainConfig, console: Console) -> dict[str, Any]:
         fit = prepare(dataset, config.settings())
     except InputError as error:
         raise InputError(f"{data}: {error}") from error
+    if "copies" in fit.remarks:
+        console.warn(f"{data}: {fit.remarks['copies']['warning']}")
     unknown = fit.settings.object
     if unknown is not None and config.object is None:
         said = f"states no object: it is learned as object=unknown object.links={unknown.links} learns it"

@@ -98,6 +98,13 @@ def test_corners_that_tosses_contradict_have_no_say_in_lag_and_inertia(cube: Obj
     np.testing.assert_array_equal(wrong[0][1], wrong[1][1])
 
 
+def test_copies_between_splits_are_noted(dataset: Dataset) -> None:
+    assert "copies" not in tossid.train(dataset, model="cn", **QUICK).parameters
+    copy = replace(dataset.tosses[0], name="copy", split="test")
+    noted = tossid.train(replace(dataset, tosses=(*dataset.tosses, copy)), model="cn", **QUICK).parameters["copies"]
+    assert "1 of 2 test tosses equal one of train or validation" in noted["warning"]
+
+
 def test_rollouts_that_never_land_have_no_intervals(dataset: Dataset) -> None:
     rising = [replace(toss, v=toss.v + np.array([0, 0, 3.0, 0, 0, 0])) for toss in dataset.tosses]
     trained = tossid.train(replace(dataset, tosses=rising), model="cn", gravity=0.0, **QUICK)

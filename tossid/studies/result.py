@@ -33,7 +33,7 @@ class Study:
         failed: Model, seed, value and error of the cells that failed.
         held_out: The tosses that they were evaluated on.
         checkpoints: Each row's model: its file, or the content of it.
-        notes: What was left out, and why.
+        notes: What the splits leak by copies, and what was left out, and why.
     """
 
     swept: str

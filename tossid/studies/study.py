@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from tossid.errors import InputError, TossidError
+from tossid.motion.sessions.copies import leak_words
 from tossid.outputs import only_writer
 from tossid.parallel import as_done
 from tossid.settings.changed import changed
@@ -87,7 +88,8 @@ def plan_study(cells: Sequence[StudyCell], data: StudyData, *, folder: str | Pat
     dataset, where = data.read(), data.path or "the dataset"
     if not dataset.of_split("test"):
         raise InputError(f"{where}: no held-out tosses to evaluate on (split 'test')")
-    available, notes = len(dataset.of_split("train")), tuple[str, ...]()
+    available, leak = len(dataset.of_split("train")), leak_words(dataset.tosses)
+    notes: tuple[str, ...] = () if leak is None else (f"{where}: {leak}",)
     kept = tuple(cell for cell in cells if cell.settings.tosses is None or cell.settings.tosses <= available)
     left_out = sorted({cell.value for cell in cells} - {cell.value for cell in kept})
     if left_out:
@@ -113,7 +115,7 @@ class StudyPlan:
         cells: Of one swept setting, in the order of their rows.
         data: What they learn from.
         folder: Where each cell is kept; None keeps nothing.
-        notes: What was left out, and why.
+        notes: What its splits leak by copies, and what was left out, and why.
     """
 
     cells: tuple[StudyCell, ...]

@@ -16,6 +16,7 @@ import torch
 from tossid.errors import InputError
 from tossid.models import EpochRecord, ModelSettings, TrainedModel, build_model, variant
 from tossid.motion import MeasurementEstimate, MeasurementModel, estimate_measurement
+from tossid.motion.sessions.copies import leak_words
 from tossid.objects import ObjectModel
 from tossid.settings.changed import changed
 from tossid.settings.objects import UnknownObjectSettings
@@ -191,6 +192,8 @@ def prepare(dataset: Dataset, settings: TrainSettings) -> Fit:
     remarks: dict[str, Any] = {}
     if unknown is None and (size := size_contradiction(measured, measurement)) is not None:
         remarks["stated_size"] = size
+    if (leak := leak_words(dataset.tosses)) is not None:
+        remarks["copies"] = {"warning": leak}
 
     def fit_with(settings: TrainSettings, measurement: MeasurementModel, start: ObjectModel = start) -> Fit:
         model = build_model(settings.model, start, seed=settings.seed, measurement=measurement)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.rotations import quat_exp, quat_to_matrix
-from tossid.types import PoseTrack, Toss
+from tossid.types import SPLITS, PoseTrack, Toss
 
 Array = NDArray[np.float64]
 
@@ -90,3 +90,29 @@ def copy_words(copies: Sequence[Copy]) -> str | None:
     more = f" and {len(copies) - NAMED} more" if len(copies) > NAMED else ""
     noun = "toss is a copy of an earlier one" if len(copies) == 1 else "tosses are copies of earlier ones"
     return f"{len(copies)} {noun}, turned about the vertical: {pairs}{more}"
+
+
+def leak_words(tosses: Sequence[Toss]) -> str | None:
+    """What a dataset's splits leak by copies, in a line; None where they leak nothing.
+
+    A toss leaks that equals one of an earlier split, from which a model was learned or chosen.
+
+    Args:
+        tosses: All tosses of a dataset.
+    """
+    split = {toss.name: toss.split for toss in tosses}
+    groups: dict[str, list[str]] = {}
+    for copy in find_copies(tosses):
+        groups.setdefault(copy.of, [copy.of]).append(copy.name)
+    leaks = dict.fromkeys(SPLITS, 0)
+    for group in groups.values():
+        drawn = sorted(SPLITS.index(split[name]) for name in group if split[name])
+        for place in drawn:
+            leaks[SPLITS[place]] += place > drawn[0]
+    if not any(leaks.values()):
+        return None
+    test, validation = (f"{leaks[name]} of {list(split.values()).count(name)}" for name in ("test", "validation"))
+    return (
+        f"copies leak between splits: {test} test tosses equal one of train or validation, and {validation} validation "
+        "tosses one of train, turned about the vertical; ingest anew to have copies in one split"
+    )
