@@ -7,7 +7,7 @@ import shutil
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -106,16 +106,21 @@ def beside(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.fixture(scope="session")
-def late_film(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a small recording, one of whose clocks is late."""
+def synthesized(tmp_path_factory: pytest.TempPathFactory, name: str, keys: Sequence[str]) -> Path:
+    """A project folder in which `tossid synthesize` has run once for all workers."""
 
     def make(folder: Path) -> None:
         with pytest.MonkeyPatch.context() as patch:
             patch.chdir(folder)
-            assert app.run(["synthesize", *LATE_FILM, "--quiet"]) == 0
+            assert app.run(["synthesize", *keys, "--quiet"]) == 0
 
-    return made_once(tmp_path_factory, "viewed", make)
+    return made_once(tmp_path_factory, name, make)
+
+
+@pytest.fixture(scope="session")
+def late_film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a small recording, one of whose clocks is late."""
+    return synthesized(tmp_path_factory, "viewed", LATE_FILM)
 
 
 @pytest.fixture(scope="session")
@@ -141,13 +146,7 @@ FILM = ["tosses=1", "camera.count=2", "camera.samples=4", "camera.pause_s=[0.1,0
 @pytest.fixture(scope="session")
 def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A project folder with one small recording in data/raw."""
-
-    def make(folder: Path) -> None:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.chdir(folder)
-            assert app.run(["synthesize", *FILM, "--quiet"]) == 0
-
-    return made_once(tmp_path_factory, "film", make)
+    return synthesized(tmp_path_factory, "film", FILM)
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import pytest
 from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.inference.conftest import FRICTION
 from tests.diagnosis.tossed import seen, with_effect
-from tossid.diagnosis.inference.final_values import DEGREES, FINER, SHIFTS, final_values, precise
+from tossid.diagnosis.inference.final_values import DEGREES, FINER, SHIFTS, final_values, precise, roots_between
 from tossid.diagnosis.inference.fitting import fit
 from tossid.diagnosis.inference.found import Found
 from tossid.diagnosis.inference.hypothesis import Hypothesis
@@ -48,6 +48,15 @@ def test_final_values_hold_the_truth_though_the_fit_was_off_it(cube: ObjectModel
     # a variance of two degrees of freedom alone has their quantile, 4.3
     alone = there.intervals("friction", np.array([1e-3**2 * 1e4]), DEGREES)
     assert alone["mu"].high - alone["mu"].value == pytest.approx(4.303 * 0.1, rel=0.02)
+
+
+@pytest.mark.parametrize("ends", [(-3.0, 5.0), (1.0, 5.0)])
+def test_roots_of_linear_steps_are_found_where_a_bound_is_in_the_way_too(ends: tuple[float, float]) -> None:
+    """Steps that go a quarter and half of the way to 2 and -1, from ends that need not lie alike about either."""
+    values = np.array([[[ends[0], 4.0], [ends[1], -2.0]]])
+    found, share = roots_between(values, np.array([0.25, 0.5]) * (np.array([2.0, -1.0]) - values))
+    np.testing.assert_allclose(found, [[2.0, -1.0]])
+    np.testing.assert_allclose(share, [0.25, 0.5])
 
 
 def test_scaled_columns_have_the_covariance_of_scaled_derivatives(cube: ObjectModel) -> None:

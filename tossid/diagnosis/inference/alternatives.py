@@ -35,19 +35,19 @@ def stands(one: Hypothesis, other: Hypothesis, gain: Array, library: Sequence[Ef
         gain: (n,) of each toss, of the one over the other.
         library: All effects; of as many parameters, those that come first are the simpler ones.
     """
-    simpler = _complexity(one, library) < _complexity(other, library)
+    simpler = _complexity(one.effects, library) < _complexity(other.effects, library)
     return bool(gain.sum() > (-1 if simpler else 1) * AHEAD * noise_of(gain))
 
 
-def _complexity(hypothesis: Hypothesis, library: Sequence[Effect]) -> tuple[int, list[int]]:
+def _complexity(effects: Sequence[Effect], library: Sequence[Effect]) -> tuple[int, list[int]]:
     """How many parameters, then the places of effects in the library, in which a recording's errors come last.
 
     A clock that runs wrong does what another gravity does to a rigid body: its equations have no unit of time. No
     likelihood tells the two apart, so an order that does not depend on noise has to.
     """
-    names = [effect.name for effect in library]
-    places = (names.index(name) if name in names else len(names) for name in hypothesis.names)
-    return len(hypothesis.flat()), sorted(places)
+    place = {effect.name: k for k, effect in enumerate(library)}
+    places = sorted(place.get(effect.name, len(place)) for effect in effects)
+    return sum(len(effect.parameters) for effect in effects), places
 
 
 def simplest_first(candidates: Iterable[Candidate], library: Sequence[Effect]) -> list[Candidate]:
@@ -57,10 +57,7 @@ def simplest_first(candidates: Iterable[Candidate], library: Sequence[Effect]) -
         candidates: Effects.
         library: As of `stands`.
     """
-    effects = [(c.effect, c) for c in candidates if c.effect is not None]
-    place = {effect.name: k for k, effect in enumerate(library)}
-    effects.sort(key=lambda each: (len(each[0].parameters), place.get(each[0].name, len(place))))
-    return [c for _, c in effects]
+    return sorted(candidates, key=lambda c: _complexity(() if c.effect is None else (c.effect,), library))
 
 
 def likeliest(tried: Sequence[Evidence], sample: Sample, library: Sequence[Effect]) -> int:

@@ -70,35 +70,48 @@ def final_values(found: Found, samples: Iterable[Sample]) -> FinalValues:
     contact = [name for name in h.names if name not in found.flown]
     if not contact:
         return FinalValues(found, {})
-    free, samples = list(found.fit.free), list(samples)
+    free, samples, sizes = list(found.fit.free), list(samples), found.fit.widths()
 
     def at(sample: Sample, flat: Array) -> Fit:
         """The estimating equations at some values, by the full evidence."""
         evidence = precise(sample.evidence(h.at(flat)))
-        return fit(evidence, evidence.hypothesis, n=sample.n, iterations=0, held=found.flown, sizes=found.fit.widths())
+        return fit(evidence, evidence.hypothesis, n=sample.n, iterations=0, held=found.flown, sizes=sizes)
 
     flat = h.flat()
     for sample in samples:
         there = at(sample, flat)
         step = APPROACH * there.columns.step()
         flat = there.moved(step * min(1.0, FARTHEST / np.abs(step / _errors(there)).max())).flat()
-    rng, w = np.random.default_rng(0), np.zeros(len(flat))
-    shares, steps = np.empty((2, len(samples), len(free)))
+    rng, w, unit = np.random.default_rng(0), np.zeros(len(flat)), h.steps[free]
+    values, steps = np.empty((2, len(samples), 2, len(free)))
     for k, sample in enumerate(samples):
-        w[free] = rng.choice([-RANGE, RANGE], len(free)) * _errors(there) * h.steps[free]
-        # (where a bound is in the way, the ends are nearer)
+        w[free] = rng.choice([-RANGE, RANGE], len(free)) * _errors(there) * unit
         ends = [at(sample, flat + w), at(sample, flat - w)]
-        high, low = (end.columns.step() for end in ends)
-        apart = (ends[0].hypothesis.flat() - ends[1].hypothesis.flat())[free] / h.steps[free]
-        middle = 0.5 * (ends[0].hypothesis.flat() + ends[1].hypothesis.flat() - 2 * flat)[free] / h.steps[free]
-        shares[k], steps[k] = -(high - low) / apart, middle + 0.5 * (high + low)
-    share = np.clip(shares.mean(0), LEAST_SHARE, 1.0)
-    roots = flat + np.zeros((len(samples), 1))
-    roots[:, free] += steps / share * h.steps[free]
+        # (where a bound is in the way, the ends are nearer)
+        values[k] = [end.hypothesis.flat()[free] / unit for end in ends]
+        steps[k] = [end.columns.step() for end in ends]
+    found_roots, share = roots_between(values, steps)
+    roots = np.tile(flat, (len(samples), 1))
+    roots[:, free] = found_roots * unit
     mean = at(samples[0], roots.mean(0))
     of_mean = roots.var(0, ddof=1) / len(roots)
     fitted = replace(mean, columns=mean.columns.scaled(share))
     return FinalValues(replace(found, fit=fitted), {name: of_mean[h.place_of(name)] for name in contact})
+
+
+def roots_between(values: Array, steps: Array) -> tuple[Array, Array]:
+    """Roots of steps that are linear in values, from both ends of ranges.
+
+    Args:
+        values: (k, 2, P) at the ends.
+        steps: (k, 2, P) d there.
+
+    Returns:
+        (k, P) roots, and (P,) the mean share of its distance from a root that a step goes.
+    """
+    shares = -np.diff(steps, axis=1)[:, 0] / np.diff(values, axis=1)[:, 0]
+    share = np.clip(shares.mean(0), LEAST_SHARE, 1.0)
+    return values.mean(1) + steps.mean(1) / share, share
 
 
 def _errors(at: Fit) -> Array:

@@ -168,13 +168,13 @@ class _Sample:
     def explained(self, s: int | None, y: Array, counts: Array) -> Interval:
         """The share of the squares of y (m,) that a curve explains, with its interval over tosses."""
         whole, left = counts @ self._by_toss(y**2), counts @ self._by_toss(self.left(s, y[:, None])[:, 0] ** 2)
-        first, *drawn = 1 - left / np.maximum(whole, 1e-300)
-        return Interval.of(first, np.array(drawn))
+        shares = 1 - left / np.maximum(whole, 1e-300)
+        return Interval.of(shares[0], shares[1:])
 
     def mean(self, counts: Array) -> Interval:
         """The component's mean, with its interval over tosses."""
-        first, *drawn = self.coefficients(None, counts)[:, 0]
-        return Interval.of(first, np.array(drawn))
+        means = self.coefficients(None, counts)[:, 0]
+        return Interval.of(means[0], means[1:])
 
     def coefficients(self, s: int | None, counts: Array) -> Array:
         """(r, p) of the curve over a state, or of the mean if None, in samples in which tosses count (r, n) times."""
