@@ -1,18 +1,28 @@
-"""The verb, from a dataset and a simulator to a report, without a command line."""
+"""From tosses and a simulator to a diagnosis: what it names, says, keeps and refuses, without a command line."""
 
 from __future__ import annotations
 
 import json
+import runpy
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.diagnosis.tossed import seen
+from tests.conftest import ROOT
+from tests.diagnosis.by_hand import EFFECTS
+from tests.diagnosis.tossed import recorded, seen, with_effect
+from tests.models.made import DT, thrown
+from tests.physics.effects.toy import registered
+from tossid.diagnosis.conclude import explain, known_so_far, report_gap
 from tossid.diagnosis.diagnose import MOST, diagnose, prepare, searched
+from tossid.diagnosis.inference.hypothesis import Hypothesis
+from tossid.diagnosis.problem import Problem
+from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.under_way import UnderWay
 from tossid.errors import ConfigError, InputError
 from tossid.objects import ObjectModel
@@ -23,15 +33,19 @@ from tossid.store import Dataset
 from tossid.types import RecordingOrder, Session, Toss
 
 KEPT = ("friction", "gravity")
+
+
 WITHOUT = tuple(effect.name for effect in LIBRARY if effect.name not in KEPT)
+
+
+BUT_CONTACT = tuple(effect.name for effect in LIBRARY if effect.name not in (*KEPT, "restitution"))
 
 
 @pytest.fixture(scope="module")
 def dataset(cube: ObjectModel) -> Dataset:
     """Ten tosses with friction 0.3, where 0.18 is stated; three are of the test split, one is too short."""
     tosses = seen(World(cube.with_changes(friction=0.3)), cube, 10, seed=3)
-    short = {name: getattr(tosses[-1], name)[:5] for name in ("t", "q", "v", "q_cov", "v_cov", "phase")}
-    tosses[-1] = replace(tosses[-1], **short)
+    tosses[-1] = tosses[-1].frames(slice(5))
     splits = ["test"] * 3 + ["train"] * 7
     tosses = [replace(toss, split=split) for toss, split in zip(tosses, splits, strict=True)]
     return Dataset(cube, tuple(tosses), 148.0, "made", {})
@@ -39,7 +53,7 @@ def dataset(cube: ObjectModel) -> Dataset:
 
 def test_friction_is_found_judged_and_its_report_saved(cube: ObjectModel, tmp_path: Path) -> None:
     tosses = seen(World(cube.with_changes(friction=0.3)), cube, 15, seed=3, frames=70)
-    tosses[0] = replace(tosses[0], **{n: getattr(tosses[0], n)[:5] for n in ("t", "q", "v", "q_cov", "v_cov", "phase")})
+    tosses[0] = tosses[0].frames(slice(5))
     tosses = [replace(toss, split="test" if i > 12 else "train") for i, toss in enumerate(tosses)]
     dataset = Dataset(cube, tuple(tosses), 148.0, "made", {})
     reported: list[float] = []
@@ -81,14 +95,6 @@ def test_friction_is_found_judged_and_its_report_saved(cube: ObjectModel, tmp_pa
     kept = json.loads((gap.save(tmp_path / "gap") / "gap.json").read_text())
     assert kept["explanation"]["effects"] == ["friction"]
     assert kept["data"] == {"object": "cube"}
-
-
-def test_where_nothing_is_repeated_nothing_is_said_of_how_sure_it_is(dataset: Dataset, cube: ObjectModel) -> None:
-    gap = diagnose(dataset, World(cube), without=WITHOUT, threads=1, repeats=0)
-    assert gap.named == ("friction",)
-    assert (gap.folds, gap.draws, gap.probability_none) == (0, 0, None)
-    assert gap.findings[0].frequency is None
-    assert not gap.brings.unseen
 
 
 def test_many_tosses_are_drawn_from(dataset: Dataset) -> None:
@@ -139,65 +145,224 @@ def _turned(toss: Toss, yaw: float, name: str) -> Toss:
     return replace(toss, q=q, name=name)
 
 
-def test_two_recordings_in_one_dataset_are_said(dataset: Dataset) -> None:
+def test_recordings_that_were_joined_are_said(dataset: Dataset) -> None:
+    def remarks(made: Dataset) -> tuple[str, ...]:
+        return prepare(made, settings=DiagnoseSettings(threads=1)).about["remarks"]
+
     names, n = dataset.names, len(dataset)
     worlds = (
         Session(names[0], names[3], 4, (0.04, 0.0), (0.002, 0.002)),
         Session(names[4], names[-1], n - 4, (0.0, 0.0), (0.002, 0.002)),
     )
     turn, session_of = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)), (np.arange(n) >= 4).astype(np.int64)
-    order = RecordingOrder(
-        worlds, "names", names, (), np.zeros((n, 0)), np.zeros((n, 2)), turn, np.zeros(n), session_of
-    )
-    task = prepare(replace(dataset, order=order), settings=DiagnoseSettings(threads=1))
+    none = np.zeros((n, 0)), np.zeros((n, 2)), turn, np.zeros(n)
+    joined = replace(dataset, order=RecordingOrder(worlds, "names", names, (), *none, session_of))
     said = f"Two recordings: tosses {names[0]} to {names[3]} stand in a world tilted by 2.29°"
-    assert task.about["remarks"][-1].startswith(said)
-    assert not any(
-        "recordings" in remark for remark in prepare(dataset, settings=DiagnoseSettings(threads=1)).about["remarks"]
-    )
+    assert remarks(joined)[-1].startswith(said)
+    assert not any("recordings" in remark for remark in remarks(dataset))
 
 
-def test_too_little_is_refused(dataset: Dataset) -> None:
-    with pytest.raises(InputError, match="from number 1: has 2 tosses; a diagnosis needs at least 3"):
-        prepare(dataset, settings=DiagnoseSettings(tosses=2, threads=1))
-    still = [replace(toss, q=np.repeat(toss.q[:1], len(toss), axis=0)) for toss in dataset.tosses[:8]]
-    with pytest.raises(InputError, match="in 8 of 8 nothing moves"):
-        prepare(replace(dataset, tosses=tuple(still)), settings=DiagnoseSettings(threads=1))
+@pytest.mark.parametrize(
+    ("keys", "says"),
+    [({"sed": 3}, "sed"), ({"simulator": 3.0}, r"'nominal', a trained model, .* or a function")],
+)
+def test_what_python_alone_can_ask_is_refused(dataset: Dataset, keys: dict[str, Any], says: str) -> None:
+    """`tests/pipelines/test_refusals.py` has what files and keys can."""
+    with pytest.raises((InputError, ConfigError), match=says):
+        diagnose(dataset, threads=1, **keys)
 
 
 def test_too_few_for_a_name_have_a_gap_and_say_how_many_a_name_needs(dataset: Dataset, cube: ObjectModel) -> None:
     gap = diagnose(dataset, World(cube), without=WITHOUT, threads=1, tosses=5, repeats=0)
-    assert gap.named == ()
-    assert gap.verdict == "unexplained"
-    slide = gap.gap.by_phase["slide"].value
-    assert slide > 0.3
+    assert (gap.named, gap.verdict) == ((), "unexplained")
+    assert gap.gap.by_phase["slide"].value > 0.3
     assert any("5 tosses are too few" in remark and "twelve" in remark for remark in gap.remarks)
-
-
-def test_a_misspelt_name_is_corrected(dataset: Dataset) -> None:
-    with pytest.raises(ConfigError, match=r"'fricton'.*friction"):
-        diagnose(dataset, without=("fricton",))
-    with pytest.raises(ConfigError, match="sed"):
-        diagnose(dataset, sed=3)
+    # nothing was repeated, and nothing is said of how sure it is
+    assert (gap.folds, gap.draws, gap.probability_none, gap.brings.unseen) == (0, 0, None, False)
 
 
 def test_what_is_known_is_kept_when_it_is_interrupted(dataset: Dataset, cube: ObjectModel, tmp_path: Path) -> None:
     task = prepare(dataset, World(cube), settings=DiagnoseSettings(without=WITHOUT, threads=1, repeats=3))
-    under_way = UnderWay(progress=_stop_at("the search repeated"))
+    news: list[str] = []
+
+    def stop(what: str, share: float) -> None:
+        if what.startswith("the search repeated"):
+            raise KeyboardInterrupt
+
+    under_way = UnderWay(stop, news.append)
     with pytest.raises(KeyboardInterrupt):
         task.run(under_way)
     known = task.known_so_far(under_way)
     assert (known.verdict, known.named, known.candidates) == ("incomplete", (), ("friction",))
-    assert known.tosses_of == task.about["tosses_of"]
+    assert "next suspect: friction" in news
+    assert any(line.startswith("found so far: friction (mu 0.") for line in news)
+    assert known.left.total.value < 0.7 * known.gap.total.value
+    before, after = known.brings.position_pct()
+    assert after.value < 0.5 * before.value
+    assert known.brings.as_json()["took_no_part"] is False
     kept = json.loads((known.save(tmp_path / "gap") / "gap.json").read_text())
     assert kept["complete"] is False
     assert kept["interrupted"]["during"].startswith("the search repeated")
-    assert kept["change"][0]["name"] == "friction"
+    assert (kept["change"][0]["name"], kept["change"][0]["from"]) == ("friction", pytest.approx(0.18))
 
 
-def _stop_at(stage: str) -> Callable[[str, float], None]:
-    def stop(what: str, share: float) -> None:
-        if what.startswith(stage):
-            raise KeyboardInterrupt
+# ---------------------------------------------------------------- what is concluded
 
-    return stop
+
+COUNT = 12
+
+
+HEAVIER = 10.3
+"""Of gravity [m/s²]."""
+
+
+def concluded(cube: ObjectModel, truth: World, names: tuple[str, ...], *, repeats: int = 3) -> Diagnosis:
+    tosses = seen(truth, cube, COUNT, seed=5, frames=70)
+    library = tuple(EFFECTS[name] for name in names)
+    settings = DiagnoseSettings(repeats=repeats)
+    return explain(Problem(tosses, Hypothesis(World(cube)), library=library, settings=settings))[0]
+
+
+@pytest.fixture(scope="module")
+def heavier(cube: ObjectModel) -> Diagnosis:
+    """Of tosses in another gravity, which a clock explains as well."""
+    return concluded(cube, with_effect(cube, "gravity", [HEAVIER]), ("gravity", "time_base", "friction"))
+
+
+def test_what_does_the_same_is_confusable_and_named_as_a_class(heavier: Diagnosis) -> None:
+    (found,) = heavier.found
+    (other,) = found.confusable_with
+    assert {found.name, other} == {"gravity", "time_base"}
+    assert found.verdict == "confusable"
+    assert found.frequency == pytest.approx(1.0, abs=0.02)
+    instead = heavier.finding(other)
+    assert instead is not None
+    assert instead.verdict == "confusable"
+    assert instead.confusable_with == (found.name,)
+    gravity, clock = (heavier.finding(name) for name in ("gravity", "time_base"))
+    assert gravity is not None
+    assert clock is not None
+    assert gravity.parameters["g_ms2"].low < HEAVIER < gravity.parameters["g_ms2"].high
+    assert clock.parameters["rate_rel"].value == pytest.approx(np.sqrt(9.81 / HEAVIER), abs=2e-3)
+    (alternative,) = heavier.alternatives
+    assert alternative.names == (other,)
+    # the rest of the library would have been seen
+    friction = heavier.finding("friction")
+    assert friction is not None
+    assert friction.verdict == "not_supported"
+    assert 0 < friction.detectable["mu"] < 0.05
+    assert (heavier.verdict, heavier.gap_closed.value > 0.5) == ("explained", True)
+
+
+def test_what_the_library_lacks_leaves_a_gap_without_a_name(cube: ObjectModel) -> None:
+    """A bounce that neither gravity nor friction explains."""
+    left = concluded(cube, with_effect(cube, "restitution", [0.4]), ("gravity",), repeats=0)
+    assert left.verdict == "unexplained"
+    assert left.named == ()
+    assert left.gap.after_impacts.value > 0.5
+    assert left.unexplained.keys() & {"impact", "flight", "slide", "roll", "rest"}
+
+
+def test_before_anything_joined_the_gap_is_known_and_news_are_said_once(cube: ObjectModel) -> None:
+    news: list[str] = []
+    under_way = UnderWay(news=news.append)
+    tosses = seen(with_effect(cube, "friction", [0.3]), cube, 6, seed=1, frames=70)
+    report_gap(Problem(tosses, Hypothesis(World(cube)), under_way=under_way))
+    early = known_so_far(under_way)
+    assert (early.verdict, early.findings, early.as_json()["complete"]) == ("incomplete", (), False)
+    assert early.gap.total.low > 1.5
+    assert "standard deviations" in news[0]
+    assert "takes about" in news[1]
+    under_way.suspects = (("gravity", 3.0),)
+    assert known_so_far(under_way).as_json()["interrupted"]["suspects"] == [{"name": "gravity", "gain": 3.0}]
+    for _ in range(2):
+        under_way.say("the same")
+    assert news.count("the same") == 1
+
+
+# ---------------------------------------------------------------- a simulator of the user's
+
+
+@pytest.fixture(scope="module")
+def engine() -> Callable[..., Any]:
+    """A cube in MuJoCo with its default soft contact, which tossid does not have."""
+    simulate: Callable[..., Any] = runpy.run_path(str(ROOT / "examples" / "diagnose_mujoco.py"))["simulate"]
+    return simulate
+
+
+def made_by(simulate: Callable[..., Any], cube: ObjectModel, count: int, *, seed: int, **changed: float) -> Dataset:
+    rng = np.random.default_rng(seed)
+    run, _ = simulate(*thrown(rng, count), 60, DT, **changed)
+    return Dataset(cube, tuple(recorded(run, cube, rng)), 148.0, "made", {})
+
+
+@pytest.mark.slow
+def test_one_changed_parameter_is_named(engine: Callable[..., Any], cube: ObjectModel) -> None:
+    dataset = made_by(engine, cube, 10, seed=5, gravity=9.2)
+    found = diagnose(dataset, engine, without=BUT_CONTACT, threads=1, repeats=0)
+    assert found.named[:1] == ("gravity",)
+    assert not {"friction", "restitution"} & {f.name for f in found.found}
+    assert found.contact == "own"
+    g = found.findings[0].parameters["g_ms2"]
+    assert g.value == pytest.approx(9.2, abs=0.03)
+    assert found.simulator is not None
+    assert found.simulator.kind == "python"
+
+
+def test_the_engine_itself_has_no_gap_to_its_own_tosses(engine: Callable[..., Any], cube: ObjectModel) -> None:
+    found = diagnose(made_by(engine, cube, 5, seed=6), engine, without=BUT_CONTACT, threads=1, repeats=0)
+    assert found.named == ()
+    assert found.verdict == "no_gap"
+    assert found.gap.total.value < 1.25
+
+
+def test_a_simulator_that_fails_is_refused_before_the_search(engine: Callable[..., Any], cube: ObjectModel) -> None:
+    dataset = made_by(engine, cube, 4, seed=7)
+
+    def broken(q0: np.ndarray, v0: np.ndarray, n_steps: int, dt: float) -> Any:
+        q, v = engine(q0, v0, n_steps, dt)
+        return q * np.nan, v
+
+    with pytest.raises(InputError, match=r"the simulator .*broken: returns q that is not finite in 4 of 4 motions"):
+        prepare(dataset, broken, settings=DiagnoseSettings(threads=1))
+
+    def coarse(q0: np.ndarray, v0: np.ndarray, n_steps: int, dt: float) -> Any:
+        steps = int(dt / 0.01)  # of its own, of which a frame holds none
+        q = [q0 + np.pad(v0[:, :3] * k * steps * 0.01, ((0, 0), (0, 4))) for k in range(n_steps + 1)]
+        return np.stack(q, axis=1), np.repeat(v0[:, None], n_steps + 1, axis=1)
+
+    with pytest.raises(InputError, match=r"coarse: in one frame of dt = 0\.00676 s it moves the object 0 times as far"):
+        prepare(dataset, coarse, settings=DiagnoseSettings(threads=1))
+    # a partial function serves too
+    assert prepare(dataset, partial(engine, mu=0.2)).simulator.about.startswith("the simulator")
+
+
+def test_a_simulator_that_does_not_go_on_from_a_state_is_told_of(engine: Callable[..., Any], cube: ObjectModel) -> None:
+    dataset = made_by(engine, cube, 4, seed=8)
+
+    def other_velocities(q0: np.ndarray, v0: np.ndarray, n_steps: int, dt: float) -> Any:
+        q, _ = engine(q0, v0, n_steps, dt)
+        return q, np.repeat(v0[:, None], n_steps + 1, axis=1)
+
+    said = [
+        remark
+        for remark in prepare(dataset, other_velocities).about["remarks"]
+        if "does not go on from a state" in remark
+    ]
+    assert len(said) == 1
+    assert not any("does not go on" in remark for remark in prepare(dataset, engine).about["remarks"])
+
+
+@pytest.mark.slow
+def test_a_registered_effect_is_named(cube: ObjectModel) -> None:
+    with registered() as effect:
+        true = effect.at(World(cube), np.array([2.0]))
+        dataset = Dataset(cube, tuple(seen(true, cube, 10, seed=5)), 148.0, "made", {})
+        without = tuple(other.name for other in LIBRARY if other.name not in (*KEPT, "uniform_force"))
+        gap = diagnose(dataset, World(cube), without=without, threads=1, repeats=0)
+    assert gap.named == ("height_pull",)
+    found = next(finding for finding in gap.findings if finding.name == "height_pull").parameters["k_npm"]
+    assert found.low - 0.05 < 2.0 < found.high + 0.05
+    assert gap.patch is not None
+    assert gap.patch["keys"]["forces.HeightPull.k_npm"]["before"] is None
+    assert gap.patch["not_expressed"] == {"height_pull": "MJCF has no force that depends on height"}

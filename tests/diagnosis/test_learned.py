@@ -25,8 +25,8 @@ def field(constant: np.ndarray, place: np.ndarray, velocity: np.ndarray, spin: f
 
 @pytest.fixture(scope="module")
 def flights(cube: ObjectModel) -> list[Toss]:
-    made = tosses(cube, 6, seed=5, frames=30)
-    shift = np.random.default_rng(0).normal(size=(6, 2))
+    made = tosses(cube, 4, seed=5, frames=24)
+    shift = np.random.default_rng(0).normal(size=(4, 2))
     for toss, (x, y) in zip(made, shift, strict=True):
         toss.q[:, :2] += [x, y]
     return made

@@ -1,4 +1,4 @@
-"""`tossid.evaluate`: the scores of a model that is the truth, in any batch, and what they show and save."""
+"""`tossid.evaluate` and `tossid.export`: the scores of a model that is the truth, and MuJoCo beside the model."""
 
 from __future__ import annotations
 
@@ -6,14 +6,17 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
+import torch
 
 import tossid
 from tests.models.made import tosses
-from tossid.errors import InputError
+from tossid.errors import ConfigError, InputError
 from tossid.evaluation.evaluate import metric_means, ranked
 from tossid.models import TrainedModel, build_model, variant
+from tossid.models.contactnets import ContactNets
 from tossid.objects import ObjectModel, center_positions
 from tossid.settings.training import ModelSettings, TrainSettings
 from tossid.store import Dataset
@@ -81,12 +84,60 @@ def test_the_median_and_the_worst_of_the_finite_errors_are_drawn(cube: ObjectMod
     assert "CN, given no gravity" in single["residual_over_toss"].texts[0].get_text()
 
 
-def test_a_model_that_is_no_rigid_body_has_no_figure_of_accelerations(cube: ObjectModel, dataset: Dataset) -> None:
+# ---------------------------------------------------------------- as a file
+
+
+@pytest.fixture(autouse=True)
+def few_flights(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tossid.evaluation.export.FLIGHTS", 4)
+    monkeypatch.setattr("tossid.evaluation.export.FLIGHT_S", 0.1)
+
+
+@pytest.mark.parametrize(("form", "suffix"), [("mjcf", ".xml"), ("urdf", ".urdf")])
+def test_mujoco_flies_the_file_as_tossid_flies_the_model(
+    cube: ObjectModel, tmp_path: Path, form: str, suffix: str
+) -> None:
+    found = tossid.export(model_of(cube), tmp_path / f"cube{suffix}", format=form)
+    assert found.check["free_flight"].position_mm < 0.1
+    assert found.check["free_flight"].rotation_deg < 0.05
+    assert ("with_contact" in found.check) == (form == "mjcf")
+    assert any("gravity" in text for text in found.left_out) == (form == "urdf")
+    assert all(path.is_file() for path in found.files)
+    assert "free flight" in found._repr_html_()
+
+
+def test_gravity_of_k_res_is_carried_and_the_rest_of_it_named(cube: ObjectModel, tmp_path: Path) -> None:
+    settings = TrainSettings(model=replace(variant("cnrp"), gravity=5.0))
+    model = build_model(settings.model, cube)
+    assert isinstance(model, ContactNets)
+    assert model.k_res is not None
+    with torch.no_grad():
+        model.k_res.vertical -= 0.4  # 4 m/s² more downwards
+        model.k_res.linear[0, 0] += 0.05
+    found = tossid.export(TrainedModel(model, settings, {}), tmp_path / "cube.xml")
+    assert found.gravity_ms2 == pytest.approx(9.0)
+    scene = mujoco.MjModel.from_xml_path(str(tmp_path / "cube.xml"))
+    assert scene.opt.gravity[2] == pytest.approx(-9.0)
+    assert any("k_res" in text for text in found.left_out)
+    assert found.check["free_flight_with_residual"].position_mm > 10 * found.check["free_flight"].position_mm
+
+
+def test_contact_too_stiff_for_the_time_step_is_written_rigid(cube: ObjectModel, tmp_path: Path) -> None:
+    stiff = cube.with_changes(compliance=(1e-4) ** 2 / float(cube.mass.sum()), relaxation=1e-4)
+    found = tossid.export(model_of(stiff), tmp_path / "cube.xml")
+    assert any("how contact gives way" in text for text in found.left_out)
+
+
+def test_wrong_calls_are_refused_and_a_network_is_no_rigid_body(
+    cube: ObjectModel, dataset: Dataset, tmp_path: Path
+) -> None:
     settings = TrainSettings(model=variant("e2e"))
     network = TrainedModel(build_model(settings.model, cube), settings, {})
     assert tossid.evaluate(network, dataset).acceleration_figure() == {}
-
-
-def test_a_dataset_without_tosses_is_refused(cube: ObjectModel, dataset: Dataset) -> None:
     with pytest.raises(InputError, match="no tosses"):
         tossid.evaluate(model_of(cube), replace(dataset, tosses=()))
+    with pytest.raises(ConfigError, match=r"does not end in \.urdf"):
+        tossid.export(model_of(cube), tmp_path / "cube.xml", format="urdf")
+    with pytest.raises(InputError, match="holds no object"):
+        tossid.export(network, tmp_path / "cube.xml")
+    assert not list(tmp_path.iterdir())

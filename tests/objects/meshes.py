@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -28,22 +28,17 @@ MJCF = """<mujoco model="thing"><asset>{assets}</asset><worldbody>
 
 def divided_box(edges: tuple[float, float, float] = (0.1, 0.06, 0.08), parts: int = 4) -> Mesh:
     """A box whose faces are divided: each face has vertices of its own, most of them on no corner."""
-    vertices, triangles = list[NDArray[np.float64]](), list[tuple[int, ...]]()
     at = np.linspace(-0.5, 0.5, parts + 1)
+    u, v = (each.ravel() for each in np.meshgrid(at, at, indexing="ij"))
+    a = np.arange(len(u)).reshape(parts + 1, parts + 1)[:-1, :-1].reshape(-1, 1)
+    upward = np.concatenate([a + np.array(each) for each in ((0, parts + 1, parts + 2), (0, parts + 2, 1))])
+    vertices, triangles = [], []
     for axis in range(3):
         for side in (-0.5, 0.5):
-            first = len(vertices)
-            for u in at:
-                for v in at:
-                    point = np.zeros(3)
-                    point[axis], point[axis - 2], point[axis - 1] = side, u, v
-                    vertices.append(point * edges)
-            for i in range(parts):
-                for j in range(parts):
-                    a = first + i * (parts + 1) + j
-                    two = [(a, a + parts + 1, a + parts + 2), (a, a + parts + 2, a + 1)]
-                    triangles += two if side > 0 else [t[::-1] for t in two]
-    return np.array(vertices), np.array(triangles)
+            face = np.roll(np.column_stack([np.full_like(u, side), u, v]), axis, axis=1)
+            triangles.append(len(u) * len(vertices) + (upward if side > 0 else upward[:, ::-1]))
+            vertices.append(face * edges)
+    return np.concatenate(vertices), np.concatenate(triangles)
 
 
 def scan(seed: int, count: int = 400, *, rough: float = 0.1) -> Mesh:
@@ -100,83 +95,43 @@ def urdf(folder: Path, *files: str) -> Path:
     return path
 
 
-def _decomposed(folder: Path) -> tuple[Path, NDArray[np.float64]]:
-    parts = [scan(seed, 60) for seed in range(5)]
-    moved = [(vertices + 0.04 * k * np.array([1, 0.5, 0]), faces) for k, (vertices, faces) in enumerate(parts)]
-    for k, part in enumerate(moved):
-        (folder / f"part_{k}.obj").write_text(obj(part, normals=7))
-    return urdf(folder, *(f"part_{k}.obj" for k in range(5))), np.concatenate([vertices for vertices, _ in moved])
+def _kinds() -> Iterator[tuple[str, dict[str, str | bytes], NDArray[np.float64]]]:
+    box = divided_box()
+    yield "divided box", {"box.obj": obj(box)}, box[0]
+    yield "divided box, binary STL", {"box.stl": stl(box)}, box[0]
+    yield "divided box, STL in words", {"box.STL": stl_in_words(box)}, box[0]
+    mesh = vertices, triangles = scan(5)
+    half, n = len(triangles) // 2, len(vertices)
+    yield "scan", {"scan.obj": obj(mesh)}, vertices
+    yield "scan, a normal a vertex", {"scan.obj": obj(mesh, normals=n)}, vertices
+    yield "scan, normals and texture", {"scan.obj": obj(mesh, normals=n, coordinates=n)}, vertices
+    some = obj((vertices, triangles[:half]), normals=9) + obj((vertices[:0], triangles[half:]))
+    yield "scan, normals of some triangles", {"scan.obj": some}, vertices
+    yield "scan, open", {"scan.obj": obj((vertices, triangles[:half]), normals=n)}, vertices
+    faces = np.concatenate([triangles, triangles + n, [[4, 4, 9], [2, 2, 2]]])
+    twice = obj((np.concatenate([vertices, vertices]), faces))
+    yield "scan, vertices twice and triangles of no area", {"scan.obj": twice}, vertices
+    turned = triangles.copy()
+    turned[::3] = turned[::3, ::-1]
+    yield "scan, some triangles turned over", {"scan.obj": obj((vertices, turned))}, vertices
+    many = scan(8, 3000)
+    yield "scan, binary STL", {"scan.stl": stl(many)}, many[0]
+    away = [0.04 * k * np.array([1, 0.5, 0]) for k in range(5)]
+    parts = [(points + off, faces) for off, (points, faces) in zip(away, (scan(k, 60) for k in range(5)), strict=True)]
+    files = {f"part_{k}.obj": obj(part, normals=7) for k, part in enumerate(parts)}
+    yield "decomposed", files, np.concatenate([points for points, _ in parts])
+    beside = (box[0] + [0.09, 0, 0], box[1])
+    both = "o one\n" + obj(mesh) + "o two\nusemtl paint\n" + obj(beside, first=n)
+    yield "several in one file", {"both.obj": both}, np.concatenate([vertices, beside[0]])
 
 
-def _several_in_one_file(folder: Path) -> tuple[Path, NDArray[np.float64]]:
-    first, second = scan(3, 90), divided_box()
-    away = (second[0] + [0.09, 0, 0], second[1])
-    text = "o one\n" + obj(first) + "o two\nusemtl paint\n" + obj(away, first=len(first[0]))
-    (folder / "both.obj").write_text(text)
-    return urdf(folder, "both.obj"), np.concatenate([first[0], away[0]])
+KINDS = {name: (files, vertices) for name, files, vertices in _kinds()}
+"""By name, files of meshes and all their vertices in the link's frame."""
 
 
-def _one(name: str, made: Callable[[], tuple[Mesh, str | bytes]]) -> Callable[[Path], tuple[Path, NDArray[np.float64]]]:
-    def make(folder: Path) -> tuple[Path, NDArray[np.float64]]:
-        mesh, content = made()
+def written(folder: Path, kind: str) -> Path:
+    """A URDF beside the files of a kind of meshes."""
+    files, _ = KINDS[kind]
+    for name, content in files.items():
         (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
-        return urdf(folder, name), mesh[0]
-
-    return make
-
-
-def _with(mesh: Mesh, **how: int) -> tuple[Mesh, str]:
-    return mesh, obj(mesh, **how)
-
-
-def _open() -> tuple[Mesh, str]:
-    vertices, triangles = scan(5)
-    return (vertices, triangles), obj((vertices, triangles[: len(triangles) // 2]), normals=len(vertices))
-
-
-def _repeated() -> tuple[Mesh, str]:
-    vertices, triangles = scan(6)
-    none = [[4, 4, 9], [2, 2, 2]]
-    twice = (np.concatenate([vertices, vertices]), np.concatenate([triangles, triangles + len(vertices), none]))
-    return (vertices, triangles), obj(twice)
-
-
-def _normals_of_some() -> tuple[Mesh, str]:
-    mesh = scan(14)
-    half = len(mesh[1]) // 2
-    return mesh, obj((mesh[0], mesh[1][:half]), normals=9) + obj((mesh[0][:0], mesh[1][half:]))
-
-
-def _normals_cut_off() -> tuple[Mesh, str]:
-    mesh = scan(15)
-    lines = obj(mesh, normals=400).splitlines()
-    return mesh, "\n".join(line for k, line in enumerate(lines) if not (line.startswith("vn") and k % 2))
-
-
-def _turned_over() -> tuple[Mesh, str]:
-    vertices, triangles = scan(7)
-    triangles[::3] = triangles[::3, ::-1]
-    return (vertices, triangles), obj((vertices, triangles))
-
-
-KINDS: dict[str, Callable[[Path], tuple[Path, NDArray[np.float64]]]] = {
-    "divided box": _one("box.obj", lambda: _with(divided_box())),
-    "divided box, turned": _one("box.obj", lambda: _with((divided_box()[0] @ TURNED.T, divided_box()[1]))),
-    "divided box, binary STL": _one("box.stl", lambda: (divided_box(), stl(divided_box()))),
-    "divided box, STL in words": _one("box.STL", lambda: (divided_box(), stl_in_words(divided_box()))),
-    "scan": _one("scan.obj", lambda: _with(scan(0))),
-    "scan, a normal a vertex": _one("scan.obj", lambda: _with(scan(1), normals=400)),
-    "scan, normals and texture": _one("scan.obj", lambda: _with(scan(2), normals=400, coordinates=400)),
-    "scan, six normals": _one("scan.obj", lambda: _with(scan(3), normals=6)),
-    "scan, more normals than vertices": _one("scan.obj", lambda: _with(scan(4), normals=900, coordinates=3)),
-    "scan, normals of some triangles": _one("scan.obj", _normals_of_some),
-    "scan, normals cut off": _one("scan.obj", _normals_cut_off),
-    "scan, open": _one("scan.obj", _open),
-    "scan, vertices twice and triangles of no area": _one("scan.obj", _repeated),
-    "scan, some triangles turned over": _one("scan.obj", _turned_over),
-    "scan, binary STL": _one("scan.stl", lambda: (scan(8, 3000), stl(scan(8, 3000)))),
-    "scan, STL in words": _one("scan.stl", lambda: (scan(9), stl_in_words(scan(9)))),
-    "decomposed": _decomposed,
-    "several in one file": _several_in_one_file,
-}
-"""By name, what leaves a URDF in a folder: its path, and all its meshes' vertices in the link's frame."""
+    return urdf(folder, *files)

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from tests.objects.meshes import KINDS, MJCF, TURNED, divided_box, obj, scan, stl, stl_in_words, urdf
+from tests.objects.meshes import KINDS, MJCF, TURNED, divided_box, obj, scan, stl, stl_in_words, urdf, written
 from tests.store.makers import make_dataset
 from tossid.errors import FileError, ObjectError
 from tossid.objects import load_object
@@ -37,8 +37,8 @@ def compiled(path: Path) -> mujoco.MjModel:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_mesh_touches_the_ground_where_its_file_says(kind: str, tmp_path: Path) -> None:
-    path, vertices = KINDS[kind](tmp_path)
-    model = load_object(path, friction=0.3)
+    vertices = KINDS[kind][1]
+    model = load_object(written(tmp_path, kind), friction=0.3)
     size = np.ptp(vertices, axis=0).max()
     np.testing.assert_allclose(reach(model.corner_pos), reach(vertices), atol=2e-6 * size)
     if "box" in kind:
@@ -106,7 +106,7 @@ def test_a_thin_sheet_loads(tmp_path: Path) -> None:
 
 
 def test_a_dataset_carries_a_scan_without_its_files(tmp_path: Path) -> None:
-    path, _ = KINDS["scan, normals and texture"](tmp_path)
+    path = written(tmp_path, "scan, normals and texture")
     model = load_object(path, friction=0.3)
     write_dataset(make_dataset(model, tosses=1), tmp_path / "tosses.h5")
     for file in (path, tmp_path / "scan.obj"):
@@ -116,7 +116,7 @@ def test_a_dataset_carries_a_scan_without_its_files(tmp_path: Path) -> None:
 
 
 def test_a_mesh_that_changed_is_read_anew(tmp_path: Path) -> None:
-    path, _ = KINDS["divided box"](tmp_path)
+    path = written(tmp_path, "divided box")
     load_object(path, friction=0.3)
     mesh = tmp_path / "box.obj"
     mesh.write_text(obj(divided_box((0.2, 0.1, 0.1))))

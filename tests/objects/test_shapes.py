@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,11 +12,11 @@ from scipy.spatial.transform import Rotation
 from tests.models.made import tosses
 from tossid.errors import InputError
 from tossid.motion.links import body_tracks
-from tossid.objects import ObjectModel, shape_evidence
+from tossid.objects import ObjectModel
 from tossid.objects.convex_shape import ConvexShape, find_shape
-from tossid.objects.half_spaces import HalfSpaces, evenly, half_spaces, outer_hull, protrusion
+from tossid.objects.half_spaces import HalfSpaces, half_spaces, outer_hull
 from tossid.objects.linked_shapes import contacts_alone, find_linked_shapes
-from tossid.objects.polytope import NOISE, find_polytope, fit_vertices, loss_of, weights_of
+from tossid.objects.polytope import NOISE, loss_of, weights_of
 from tossid.objects.round_shape import support
 from tossid.objects.roundness import Roundness, ball, directions, disc, ellipsoid, farthest, joined
 from tossid.objects.shape_evidence import ShapeEvidence
@@ -26,10 +25,17 @@ from tossid.types import PoseTrack, Toss
 
 Array = NDArray[np.float64]
 
+
 WEDGE = 0.05 * np.array([[x, y, z] for x in (-1, 1) for y, z in ((-1, -0.6), (1, -0.6), (-1, 0.8))])
+
+
 OFFSET = np.array([0.02, -0.01, 0.03])
 """Where the wedge is in its body's frame."""
+
+
 TRUE = WEDGE + OFFSET
+
+
 WAYS = directions(1500)
 
 
@@ -64,9 +70,6 @@ def wedge() -> list[Toss]:
     return rolled(TRUE, np.random.default_rng(0))
 
 
-# ---------------------------------------------------------------- half-spaces
-
-
 def test_half_spaces_and_their_hull_hold_the_object(wedge: list[Toss]) -> None:
     spaces = half_spaces(wedge)
     assert (spaces.height - (spaces.down @ TRUE.T).max(axis=1) > -1.5e-3).all()
@@ -84,22 +87,6 @@ def test_half_spaces_that_bound_nothing_are_refused(wedge: list[Toss]) -> None:
     for find in (find_shape, ShapeEvidence):
         with pytest.raises(InputError, match="too few sides"):
             find([still])
-
-
-def test_protrusion_is_the_distance_from_a_hull() -> None:
-    assert protrusion(np.array([[0.0, 0.0, -0.1], [0, 0, 0]]), WEDGE) == pytest.approx([0.07, 0], abs=1e-7)
-    assert np.flatnonzero(evenly(9, 3)).tolist() == [0, 4, 8]
-    assert evenly(4, 10).all()
-
-
-# ---------------------------------------------------------------- polytopes
-
-
-def test_vertices_go_where_the_frames_need_them(wedge: list[Toss]) -> None:
-    start = TRUE + 2e-3 * np.random.default_rng(1).normal(size=TRUE.shape)
-    fit = fit_vertices(half_spaces(wedge), start, np.zeros(3), gap=4e-3, level=True)
-    assert hausdorff(fit.vertices, TRUE) < 1e-3
-    assert fit.ground.tolist() == [0.0, 0.0, 0.0]
 
 
 def test_weights_have_the_gradient_of_the_loss() -> None:
@@ -157,9 +144,9 @@ def test_too_few_contacts_show_no_shape(wedge: list[Toss]) -> None:
         find_shape(wedge, flying=flying)
 
 
-# ---------------------------------------------------------------- round shapes
-
 OFF = np.array([0.01, -0.02, 0.005])
+
+
 SHAPES = {
     "ellipsoid": (OFF[None], ellipsoid([0.06, 0.045, 0.035])),
     "sphere": (OFF[None], ball(0.04)),
@@ -194,8 +181,6 @@ def test_moments_of_a_round_shape_are_those_of_the_filled_one() -> None:
     assert isinstance(shape.roundness, Roundness)
 
 
-# ---------------------------------------------------------------- links
-
 AXES = (np.array([0.0, 1.0, 0.0]), np.array([0.0, 1.0, 0.0]))
 
 
@@ -227,15 +212,6 @@ def test_corners_at_the_hinge_that_never_touch_are_said_to_have_no_contact(
         assert (counts[~never] > 0).all()
         assert (sign * shape.vertices[never, 1] > 0).all()
     assert sum((shape.frames == 0).sum() for shape in shapes) > 0
-
-
-def test_alone_each_link_would_reach_through_the_other(links: list[list[PoseTrack]], elbow: ObjectModel) -> None:
-    """What the joint criterion is for: the half-spaces of one link are tight where the other touches."""
-    alone = find_polytope(half_spaces(links[0])).fit
-    assert distance(elbow.corner_pos[elbow.corner_body == 0], alone.vertices).min(axis=0).max() > 0.03
-
-
-# ---------------------------------------------------------------- evidence against corners
 
 
 @pytest.fixture(scope="module")
@@ -279,19 +255,3 @@ def test_a_corner_below_the_ground_is_brought_back(evidence: ShapeEvidence) -> N
     corrected = evidence.corrected(beyond)
     assert evidence.contradiction(corrected) is None
     np.testing.assert_array_equal(corrected[:6], TRUE)
-
-
-def test_the_same_poses_are_searched_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    searched: list[int] = []
-
-    def counted(tosses: Sequence[Toss]) -> ConvexShape:
-        searched.append(len(tosses))
-        return find_shape(tosses)
-
-    monkeypatch.setattr(shape_evidence, "find_shape", counted)
-    tosses = rolled(TRUE, np.random.default_rng(7))
-    again = [replace(toss, q=toss.q.copy()) for toss in tosses]
-    one, other, fewer = (ShapeEvidence(each).shape for each in (tosses, again, tosses[1:]))
-    assert searched == [len(tosses), len(tosses) - 1]
-    np.testing.assert_array_equal(one.vertices, other.vertices)
-    assert not np.array_equal(one.vertices, fewer.vertices)

@@ -1,11 +1,13 @@
-"""Sums over tosses give what refitting would: steps, tosses left out, gains, effective scores, covariances."""
+"""Sums over tosses give what refitting would: steps, gains, covariances, and changes over the order."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from tossid.diagnosis.inference import designs
 from tossid.diagnosis.inference.columns import Columns
+from tossid.diagnosis.inference.designs import change_p_values, designed, line_over, steps_at
 
 
 @pytest.fixture
@@ -56,6 +58,15 @@ def test_a_step_in_some_columns_gains_as_much_as_if_the_others_followed(
     assert gain == pytest.approx(0.5 * ((e**2).sum() - (left**2).sum()), rel=1e-6)
 
 
+def test_scaled_columns_have_the_covariance_of_scaled_derivatives(
+    linear: tuple[Columns, np.ndarray, np.ndarray],
+) -> None:
+    columns, scaled = linear[0], linear[0].scaled(np.full(3, 0.25))
+    assert scaled.step() == pytest.approx(4 * columns.step(), rel=1e-6)
+    assert scaled.covariance() == pytest.approx(16 * columns.covariance(), rel=1e-6)
+    assert scaled.gains(scaled.step()) == pytest.approx(columns.gains(columns.step()), rel=1e-6)
+
+
 def test_intervals_over_tosses_cover_the_truth() -> None:
     rng, hits = np.random.default_rng(2), 0
     for _ in range(300):
@@ -67,3 +78,52 @@ def test_intervals_over_tosses_cover_the_truth() -> None:
         there = Columns(at.H, at.g + at.H @ step, 1.0)
         hits += bool(abs(step[0] - 1.0) < 2.09 * np.sqrt(there.covariance()[0, 0]))
     assert 0.90 < hits / 300 < 0.985
+
+
+NO = np.zeros(0, dtype=int)
+
+
+def simulated(
+    values: np.ndarray, *, seed: int, scatter: float = 0.0, width: int = 3
+) -> tuple[Columns, np.ndarray, np.ndarray]:
+    """Sums of tosses whose first column has these values, with their design (n, m, width) and residuals (n, m).
+
+    Tosses differ in their information, and every toss scatters in all columns.
+    """
+    rng, n = np.random.default_rng(seed), len(values)
+    J = rng.normal(size=(n, 30, width)) * rng.lognormal(0, 0.7, size=(n, 1, 1))
+    own = scatter * rng.standard_t(4, size=(n, width))
+    own[:, 0] += values
+    e = rng.normal(size=(n, 30)) - np.einsum("nmi,ni->nm", J, own)
+    return Columns(np.einsum("nmi,nmj->nij", J, J), np.einsum("nmi,nm->ni", J, e), 1.0), J, e
+
+
+def test_steps_of_a_design_are_least_squares_beside_the_active_columns() -> None:
+    columns, J, e = simulated(np.repeat([0.0, 2.0], [9, 11]), seed=0)
+    some = designed(columns, np.array([1]), (np.array([0, 2]), steps_at((0, 9, 20))))
+    late = (np.arange(20) >= 9)[:, None, None]
+    X = np.concatenate([J[..., [1]], J[..., [0, 2]] * ~late, J[..., [0, 2]] * late], axis=-1)
+    assert some.step() == pytest.approx(np.linalg.lstsq(X.reshape(-1, 5), -e.ravel())[0], rel=1e-6)
+    assert some.step()[[1, 3]] == pytest.approx([0.0, 2.0], abs=0.3)
+    line = designed(columns, NO, (np.array([0]), line_over(20))).step()
+    X = np.stack([J[..., 0], J[..., 0] * (np.arange(20) - 9.5)[:, None]], axis=-1)
+    assert line == pytest.approx(np.linalg.lstsq(X.reshape(-1, 2), -e.ravel())[0], rel=1e-6)
+
+
+def test_chance_is_as_rare_as_stated_whatever_is_the_same_in_all_tosses(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(designs, "ORDERS", 199)
+    small = 0
+    for seed in range(120):
+        columns, _, _ = simulated(np.full(24, 3.0), seed=seed, scatter=0.5, width=4)
+        effects = [[(columns, NO, np.array([k]))] for k in range(3)] + [[(columns, np.array([0]), np.array([1, 3]))]]
+        small += change_p_values(effects, (12,), seed)[0].min() <= 0.05
+    assert small / 120 < 0.11  # 0.05, and three standard errors
+
+
+def test_a_known_boundary_shows_what_a_search_of_all_places_does_not() -> None:
+    clearer = 0
+    for seed in range(30):
+        columns, _, _ = simulated(np.repeat([0.0, 0.5], [12, 12]), seed=seed, scatter=0.3)
+        effects = [[(columns, NO, np.array([0]))]]
+        clearer += int(change_p_values(effects, (12,), 0)[0][0] < change_p_values(effects, (), 0)[0][0])
+    assert clearer > 18

@@ -1,14 +1,16 @@
-"""Evidence is a function of a hypothesis and a toss: of nothing that was computed before, and of no other toss."""
+"""Evidence is a function of a hypothesis and a toss alone; fits recover what tosses were made with."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from tests.diagnosis.by_hand import EFFECTS
-from tests.diagnosis.inference.conftest import FRICTION
+from tests.diagnosis.conftest import FRICTION
 from tossid.diagnosis.inference.evidence import collect, log_likelihood_ratio
+from tossid.diagnosis.inference.fitting import fit
 from tossid.diagnosis.inference.hypothesis import Hypothesis
-from tossid.diagnosis.inference.sample import Sample
+from tossid.diagnosis.inference.sample import Sample, noise_of, reduces_deviance
 
 
 def test_nothing_that_was_computed_before_changes_it(slippery: Sample, stated: Hypothesis) -> None:
@@ -51,3 +53,41 @@ def test_windows_that_cannot_feel_a_difference_are_not_simulated(slippery: Sampl
     free = e.windows.free
     assert np.array_equal(there[free], e.raw[free])
     assert not np.array_equal(there[~free], e.raw[~free])
+
+
+def test_friction_is_recovered_from_what_is_stated(slippery: Sample, stated: Hypothesis) -> None:
+    first = slippery.evidence(stated)
+    made = fit(first, stated.plus(EFFECTS["friction"]), n=slippery.n, iterations=8, follow=1)
+    value, error = (
+        made.hypothesis.flat()[0],
+        np.sqrt(made.columns.covariance()[0, 0]) * EFFECTS["friction"].parameters[0].step,
+    )
+    assert abs(value - FRICTION) < 3 * error
+    assert error < 0.005
+    assert made.wald("friction") > 60
+    # one parameter of twelve tosses: each owes a little of its likelihood to its own part in the fit
+    assert 0 < made.optimism().sum() < 5
+
+
+def test_what_is_held_keeps_its_value(slippery: Sample, stated: Hypothesis) -> None:
+    h = stated.plus(EFFECTS["gravity"], np.array([9.7])).plus(EFFECTS["friction"])
+    made = fit(slippery.evidence(stated), h, n=slippery.n, iterations=3, held=frozenset({"gravity"}), follow=1)
+    assert made.hypothesis.values_of("gravity").tolist() == [9.7]
+    assert made.hypothesis.values_of("friction")[0] > 0.22
+    assert made.columns_of("friction") == [0]
+
+
+def test_an_effect_is_needed_where_it_is_there_and_not_where_it_is_not(slippery: Sample, stated: Hypothesis) -> None:
+    both = stated.plus(EFFECTS["friction"], np.array([FRICTION])).plus(EFFECTS["cohesion"])
+    made = slippery.refitted(slippery.evidence(both), both, iterations=3)
+    there, not_there = (slippery.without(made, name) for name in ("friction", "cohesion"))
+    assert slippery.gains(made, there).sum() > 100
+    assert slippery.gains(made, not_there).sum() < 3
+    first = slippery.evidence(stated)
+    assert reduces_deviance(made.evidence, there.evidence, first)
+    assert not reduces_deviance(made.evidence, not_there.evidence, first)
+
+
+def test_the_standard_error_of_a_sum() -> None:
+    assert noise_of(np.array([1.0, 3.0])) == pytest.approx(2.0)
+    assert noise_of(np.array([1.0])) == np.inf

@@ -18,6 +18,8 @@ from tossid.diagnosis.likelihood.simulator_process import FromFile, SimulatorPro
 from tossid.errors import InputError
 
 Q0 = np.array([[0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0], [0.1, 0.2, 0.7, 0.0, 1.0, 0.0, 0.0]])
+
+
 V0 = np.array([[0.3, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.4, 1.0, 0.0, 0.0, 0.0]])
 
 
@@ -127,8 +129,9 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
-@pytest.mark.parametrize("source", ["given", "file"])
+@pytest.mark.parametrize(
+    ("source", "end"), [("given", signal.SIGKILL), ("file", signal.SIGTERM), ("file", signal.SIGINT)]
+)
 def test_nothing_is_left_of_a_simulator_whose_command_has_ended(
     source: str, end: signal.Signals, tmp_path: Path
 ) -> None:

@@ -1,4 +1,4 @@
-"""Windows: flights end before anything is hit, and slow errors of a tracker are no residuals."""
+"""Windows: how tosses are cut, what their rows hold, and that a tracker's slow errors are no residuals."""
 
 from __future__ import annotations
 
@@ -9,10 +9,14 @@ import numpy as np
 import pytest
 
 from tests.diagnosis.tossed import seen
+from tossid.diagnosis.likelihood.cuts import FrameClock, cut_consecutively, cut_flights
+from tossid.diagnosis.likelihood.residuals import LARGEST
+from tossid.diagnosis.likelihood.slow_errors import inverse_factors, slow_covariance
 from tossid.diagnosis.likelihood.states import difference
 from tossid.diagnosis.likelihood.whitening import linearise
 from tossid.diagnosis.likelihood.windows import make_windows
-from tossid.objects import ObjectModel, corner_positions
+from tossid.motion.contact import lowest_corner
+from tossid.objects import GRAVITY, ObjectModel, corner_positions
 from tossid.physics.effects import RecordingErrors, World
 from tossid.rotations import quat_exp, quat_mul
 from tossid.settings.diagnosis.likelihood import WindowSettings
@@ -81,27 +85,13 @@ def test_slow_errors_are_estimated_at_rest_and_do_not_count_as_residuals(cube: O
     assert rms(unknown) > 1.5 * there
 
 
-def test_windows_of_some_tosses_are_theirs(cube: ObjectModel) -> None:
-    tosses = seen(World(cube), cube, 6, seed=1)
-    windows, chosen = make_windows(tosses, cube), np.array([4, 1])
-    some = windows.of_tosses(chosen)
-    assert set(some.toss.tolist()) == {0, 1}
-    for number, i in enumerate(chosen):
-        np.testing.assert_array_equal(some.y[some.toss == number], windows.y[windows.toss == i])
-
-
 def with_missing(tosses: list[Toss], share: float, seed: int) -> list[Toss]:
     """The tosses without some of their frames, at most two in a row."""
     rng, out = np.random.default_rng(seed), []
     for toss in tosses:
         there = rng.uniform(size=len(toss)) > share
         there[::3] = True
-        out.append(
-            replace(
-                toss,
-                **{name: getattr(toss, name)[there] for name in ("t", "q", "v", "q_cov", "v_cov", "phase")},
-            )
-        )
+        out.append(toss.frames(there))
     return out
 
 
@@ -143,3 +133,91 @@ def test_what_lies_on_the_ground_feels_friction_however_wrong_the_stated_object_
     change = np.abs(windows.predicted(world) - windows.predicted(slippery)).max(axis=(1, 2))
     assert windows.feels(slippery, world)[change > 1e-9].all()
     assert (change[with_contact] > 1e-3).mean() > 0.5
+
+
+# ---------------------------------------------------------------- cuts
+
+
+CUT = WindowSettings()
+
+
+def test_windows_end_where_many_frames_are_missing_or_time_is_uneven(cube: ObjectModel) -> None:
+    toss = seen(World(cube), cube, 1, seed=2, frames=100)[0]
+    dt = float(np.median(np.diff(toss.t)))
+    for late in (WindowSettings().most_missing + 1, 0.5):
+        t = toss.t + np.where(np.arange(len(toss)) >= 50, late * dt, 0.0)
+        windows = make_windows([replace(toss, t=t)])
+        last = windows.first + windows.steps
+        assert not ((windows.first < 49) & (last > 49)).any()
+        assert windows.first.max() > 49
+
+
+@pytest.mark.parametrize("missing", [(), (5, 6, 7)])
+def test_cuts_follow_each_other_to_the_end(cube: ObjectModel, missing: tuple[int, ...]) -> None:
+    toss = seen(World(cube), cube, 1, seed=2, frames=100)[0]
+    dt = float(np.median(np.diff(toss.t)))
+    there = np.setdiff1d(np.arange(len(toss)), missing)
+    toss = toss.frames(there)
+    clock = FrameClock.of(toss, dt, CUT.most_missing + 1, CUT.time_step_tolerance)
+    assert (clock.tick[-1], len(clock.breaks)) == (100, 0)
+    cuts = cut_consecutively(toss, clock, 0, CUT)
+    assert [first for first, _ in cuts[1:]] == [last for _, last in cuts[:-1]]
+    assert cuts[0][0] == 0
+    assert clock.tick[-1] - clock.tick[cuts[-1][1]] < CUT.length // 2
+    flight = cut_flights(toss, clock, cube, CUT)
+    assert flight[0][0] == 0
+    assert max(clock.tick[last] - clock.tick[first] for first, last in flight) <= CUT.long
+
+
+def test_flights_after_a_bounce_are_windows_that_hold_no_contact(cube: ObjectModel) -> None:
+    bouncing = World(replace(cube, restitution=0.7))
+    tosses = seen(bouncing, cube, 6, seed=4, frames=150)
+    dt = float(np.median(np.diff(tosses[0].t)))
+    later = 0
+    for toss in tosses:
+        clock = FrameClock.of(toss, dt, CUT.most_missing + 1, CUT.time_step_tolerance)
+        for first, last in cut_flights(toss, clock, cube, CUT):
+            # gravity alone: the mean of a flight's accelerations is the fall's
+            fallen = np.polyfit(toss.t[first : last + 1] - toss.t[first], toss.q[first : last + 1, 2], 2)[0]
+            assert fallen == pytest.approx(-0.5 * GRAVITY, abs=0.4)
+            assert lowest_corner(cube, toss.q[first : last + 1]).min() > 0
+            later += first > 0
+            assert last - first >= (CUT.shortest_later_flight if first else 0) or last - first > CUT.long // 2
+    assert later >= 4
+
+
+# ---------------------------------------------------------------- residuals and slow errors
+
+
+def test_residuals_are_means_of_differences_over_the_frames_of_a_row(cube: ObjectModel) -> None:
+    windows = make_windows(seen(World(cube), cube, 6, seed=1, frames=200))
+    run = windows.predicted(World(cube, gravity=9.0))
+    run[3] = np.nan
+    off = difference(windows.y[:, : run.shape[1]], run)
+    expected = windows.mix[..., : run.shape[1]] @ np.clip(np.where(np.isfinite(off), off, LARGEST), -LARGEST, LARGEST)
+    twice = windows.residuals(np.concatenate([run, run]))
+    np.testing.assert_allclose(twice[: len(run)], expected, atol=1e-14)
+    np.testing.assert_array_equal(twice[: len(run)], twice[len(run) :])
+
+
+def test_errors_at_one_attitude_are_one_error_and_those_at_opposite_ones_are_not() -> None:
+    turned = quat_exp(np.array([[0.0, 0, 0], [0, 0, 0], [0, 0, 3.0]]))
+    mix = np.zeros((1, 3, 2))
+    mix[0, 0, 0] = mix[0, 1, 1] = 1.0  # a third row does not exist
+    std = np.array([1e-3] * 3 + [2e-2] * 3)
+    slow = slow_covariance(turned[:1], turned[None, 1:], mix, std, 1.0)
+    assert slow.shape == (1, 6, 4, 4)
+    np.testing.assert_allclose(slow[0, :, 0, 1], std**2)
+    # over the squared chord between rotations 3 rad apart, 2 sin²(3 / 2)
+    np.testing.assert_allclose(slow[0, :, 0, 2], std**2 * np.exp(-2 * np.sin(1.5) ** 2))
+    assert not slow[0, :, 3].any()
+
+
+def test_factors_whiten_slow_errors_and_noise() -> None:
+    rng = np.random.default_rng(0)
+    half = rng.normal(size=(5, 6, 4, 4))
+    slow, noise = half @ half.mT, rng.uniform(0.5, 2.0, (5, 4, 6))
+    root = inverse_factors(slow, noise)
+    cov = slow + noise.transpose(0, 2, 1)[..., None] ** 2 * np.eye(4)
+    np.testing.assert_allclose(root @ cov @ root.mT, np.broadcast_to(np.eye(4), cov.shape), atol=1e-12)
+    np.testing.assert_allclose(np.triu(root, 1), 0.0, atol=1e-14)

@@ -1,6 +1,8 @@
-"""The gap: 1 at the truth, above it elsewhere, with shares that add up and intervals over tosses."""
+"""The gap: 1 at the truth, above it elsewhere, with shares that add up; its floor is the noise that flight shows."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,10 +10,10 @@ import pytest
 from tests.diagnosis.tossed import seen, with_effect
 from tossid.diagnosis.inference.evidence import Evidence, collect
 from tossid.diagnosis.inference.hypothesis import Hypothesis
+from tossid.diagnosis.likelihood.density import student_deviance
 from tossid.diagnosis.likelihood.windows import Windows, make_windows
 from tossid.diagnosis.localisation.gap import (
     Rows,
-    channels_of,
     in_short,
     is_clear,
     measure_gap,
@@ -19,9 +21,9 @@ from tossid.diagnosis.localisation.gap import (
     rows_of,
     share_closed_in,
 )
-from tossid.diagnosis.localisation.noise import Floor, noise_floor
+from tossid.diagnosis.localisation.noise import Floor, expected_deviance, measure_noise, noise_floor
 from tossid.objects import ObjectModel
-from tossid.physics.effects import World
+from tossid.physics.effects import Forces, World
 from tossid.types import Phase, Toss
 
 COUNT = 8
@@ -57,15 +59,6 @@ def rows(evidence: Evidence, floor: Floor) -> Rows:
     return rows_of([(evidence, np.arange(COUNT))], floor)
 
 
-def test_what_an_impact_gets_wrong_is_seen_after_it(cube: ObjectModel) -> None:
-    """A missing bounce leaves nothing in flight before and little at the impact itself: most is in what follows it."""
-    made = seen(World(cube.with_changes(restitution=0.5)), cube, COUNT, seed=4)
-    windows = make_windows(made, cube)
-    floor = noise_floor(windows)
-    gap = measure_gap(made, rows(collect(windows, Hypothesis(World(cube))), floor), floor)
-    assert gap.after_impacts.value > 0.6
-
-
 def test_friction_closes_the_gap_that_it_makes(
     tosses: list[Toss], stated: Evidence, true: Evidence, floor: Floor
 ) -> None:
@@ -88,27 +81,42 @@ def test_friction_closes_the_gap_that_it_makes(
     assert "most in slide" in in_short(before)
 
 
-def test_parts_judged_by_evidences_of_their_own_are_the_whole(
+def test_parts_judged_by_evidences_of_their_own_are_the_whole_and_a_toss_far_off_is_odd(
     tosses: list[Toss], stated: Evidence, floor: Floor
 ) -> None:
     numbers = [np.array([0, 3, 5]), np.array([1, 2, 4, 6, 7])]
-    parts = [(stated.of_tosses(each), each) for each in numbers]
-    whole, of_parts = rows(stated, floor), rows_of(parts, floor)
+    whole, of_parts = rows(stated, floor), rows_of([(stated.of_tosses(each), each) for each in numbers], floor)
     assert of_parts.n == COUNT
+    assert len(whole.toss) == stated.windows.counted.sum()
     np.testing.assert_allclose(of_parts.by_toss(of_parts.raw**2), whole.by_toss(whole.raw**2))
-    counted = stated.windows.counted
-    assert len(whole.toss) == counted.sum()
-    one = measure_gap(tosses, of_parts, floor)
-    assert one.position_mm == pytest.approx(measure_gap(tosses, whole, floor).position_mm)
+    one, other = (measure_gap(tosses, each, floor) for each in (of_parts, whole))
+    assert one.position_mm == pytest.approx(other.position_mm)
+    far = np.where((whole.toss == 2)[:, None], 30.0, whole.whitened)
+    assert measure_gap(tosses, replace(whole, whitened=far), floor).odd == (tosses[2].name,)
 
 
-def test_a_toss_that_is_far_off_is_odd(tosses: list[Toss], stated: Evidence, floor: Floor) -> None:
-    made = rows(stated, floor)
-    far = made.whitened.copy()
-    far[made.toss == 2] = 30.0
-    changed = Rows(*(far if name == "whitened" else getattr(made, name) for name in made.__dataclass_fields__))
-    assert measure_gap(tosses, changed, floor).odd == (tosses[2].name,)
+# ---------------------------------------------------------------- the floor
 
 
-def test_joints_are_channels() -> None:
-    assert channels_of(7)[-1] == "joint_1"
+@pytest.mark.parametrize("std", [0.5, 1.0, 2.0])
+def test_expected_deviance_is_the_mean_over_draws(std: float) -> None:
+    drawn = student_deviance(std * np.random.default_rng(0).normal(size=400_000)).mean()
+    assert expected_deviance(std) == pytest.approx(float(drawn), rel=0.01)
+
+
+def test_noise_is_measured_whatever_forces_act_and_sets_the_floor(cube: ObjectModel) -> None:
+    made = seen(World(cube, gravity=8.0, forces=Forces(quadratic=0.05)), cube, 24, seed=8)
+    for stated_over_true, floor_rms in ((1.0, 1.0), (0.5, 2.0), (2.0, 1.0)):
+        stating = [replace(toss, q_cov=toss.q_cov * stated_over_true**2) for toss in made]
+        floor = noise_floor(make_windows(stating, cube))
+        for found in (floor.noise.position, floor.noise.rotation):
+            assert found == pytest.approx(1 / stated_over_true, rel=0.125)
+        assert floor.rms == pytest.approx(floor_rms, rel=0.125)
+        assert floor.deviance.shape == (6,)
+        assert floor.deviance[0] >= expected_deviance(1.0)
+
+
+def test_no_flight_no_measurement(windows: Windows) -> None:
+    grounded = windows.rows(np.flatnonzero(~windows.free))
+    assert measure_noise(grounded).as_json() == {"position_over_stated": None, "rotation_over_stated": None}
+    assert noise_floor(grounded).rms == 1.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.diagnosis.tossed import POSITION, ROTATION, seen, seen_with_joint
+from tests.diagnosis.tossed import POSITION, ROTATION, seen
 from tests.models.made import DT, thrown
 from tossid.diagnosis.likelihood.states import difference
 from tossid.diagnosis.likelihood.windows import make_windows
@@ -39,7 +39,7 @@ def test_first_states_are_those_of_the_world_with_its_forces(cube: ObjectModel) 
 
 def test_first_states_with_a_joint_are_those_of_the_flight(elbow: ObjectModel) -> None:
     world = World(elbow)
-    tosses = seen_with_joint(world, elbow, 6, seed=3, frames=30, height=1.0)
+    tosses = seen(world, elbow, 6, seed=3, frames=30, height=1.0)
     q, v = first_states(tosses, world, make_windows(tosses, elbow))
     run = world.roll_out(q, v, n_steps=30, dt=DT, substeps=4)
     last = np.stack([toss.q[-1] for toss in tosses])

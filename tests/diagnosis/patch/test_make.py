@@ -12,14 +12,23 @@ import numpy as np
 import pytest
 
 from tests.diagnosis.by_hand import EFFECTS, diagnosis, hypothesis
+from tests.diagnosis.tossed import recorded
+from tests.models.made import DT, thrown
 from tests.objects.meshes import obj, scan, stl
 from tossid.diagnosis.inference.hypothesis import COULOMB, ContactLaw, Hypothesis
+from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.likelihood.engine_discrepancy import MujocoWorld
+from tossid.diagnosis.likelihood.windows import make_windows
+from tossid.diagnosis.localisation.rollouts import distances, first_states
+from tossid.diagnosis.patch import rerun as module
 from tossid.diagnosis.patch.make import Patch, make_patch
-from tossid.diagnosis.simulators import world_of_mjcf
+from tossid.diagnosis.patch.rerun import rerun, runs_in_mujoco
+from tossid.diagnosis.simulators import read_simulator, world_of_mjcf
 from tossid.objects import ObjectModel
 from tossid.physics.effects import RecordingErrors, World
-from tossid.rotations import quat_exp
+from tossid.physics.effects.in_mujoco import toss_in_mujoco
+from tossid.rotations import geodesic_angle, quat_exp
+from tossid.types import Toss
 
 USER = """<mujoco model="my cube">
   <option timestep="0.002"/>
@@ -33,7 +42,11 @@ USER = """<mujoco model="my cube">
   </worldbody>
 </mujoco>
 """
+
+
 HALF = 0.0524
+
+
 OWN = ContactLaw("own", lifting=1e-4)
 
 
@@ -61,20 +74,6 @@ def fly(m: mujoco.MjModel, v: list[float], seconds: float, *, z: float = 10.0) -
     return d
 
 
-def slide(m: mujoco.MjModel, v: list[float], seconds: float) -> mujoco.MjData:
-    d = mujoco.MjData(m)
-    d.qpos[:] = [0, 0, HALF, 1, 0, 0, 0]
-    for _ in range(round(0.3 / m.opt.timestep)):
-        mujoco.mj_step(m, d)
-    d.qvel[:] = v
-    for _ in range(round(seconds / m.opt.timestep)):
-        mujoco.mj_step(m, d)
-    return d
-
-
-# ---------------------------------------------------------------- every effect is in one of the three lists
-
-
 @pytest.mark.parametrize("name", sorted(EFFECTS))
 def test_every_effect_is_changed_recorded_or_refused_with_a_reason(cube: ObjectModel, users: Path, name: str) -> None:
     effect = EFFECTS[name]
@@ -89,19 +88,22 @@ def test_every_effect_is_changed_recorded_or_refused_with_a_reason(cube: ObjectM
             mujoco.MjModel.from_xml_string(patch.mjcf)
 
 
-def test_no_effect_changes_nothing(users: Path) -> None:
-    patch = patched(users)
-    assert not patch.changes
-    assert not patch.keys
-    assert patch.as_json()["mjcf"] is None
+def slide(m: mujoco.MjModel, v: list[float], seconds: float) -> mujoco.MjData:
+    """Of a cube that has come to rest."""
+    d = fly(m, [0] * 6, 0.3, z=HALF)
+    d.qvel[:] = v
+    mujoco.mj_step(m, d, round(seconds / m.opt.timestep))
+    return d
 
 
-def test_keys_say_the_objects_numbers(cube: ObjectModel) -> None:
+def test_keys_say_the_objects_numbers_and_no_effect_changes_nothing(cube: ObjectModel, users: Path) -> None:
     patch = make_patch(hypothesis(cube, friction=[0.3], gravity=[9.6]))
     assert patch.keys == {
         "object.friction": {"before": 0.18, "after": 0.3},
         "gravity": {"before": 9.81, "after": 9.6},
     }
+    nothing = patched(users)
+    assert (len(nothing.changes), nothing.keys, nothing.as_json()["mjcf"]) == (0, {}, None)
 
 
 # ---------------------------------------------------------------- what MuJoCo then does
@@ -123,21 +125,17 @@ def test_forces_change_flight_as_they_should(
     np.testing.assert_allclose(d.qvel[:3], then, rtol=1e-3, atol=1e-9)
 
 
-def test_a_shifted_centre_of_mass_and_an_inertia(users: Path) -> None:
-    m = patched(users, com_offset=[0.005, 0.0, -0.01], inertia=[1.5]).model
+def test_mass_inertia_and_size_are_the_bodys(users: Path, cube: ObjectModel) -> None:
     before = mujoco.MjModel.from_xml_string(USER)
+    m = patched(users, com_offset=[0.005, 0.0, -0.01], inertia=[1.5]).model
     np.testing.assert_allclose(m.body_ipos[1], [0.005, 0, -0.01], atol=1e-12)
     np.testing.assert_allclose(m.body_inertia[1], 1.5 * before.body_inertia[1], rtol=1e-5)
     assert m.body_mass[1] == before.body_mass[1]
-
-
-def test_size_changes_the_corners_but_not_the_inertia(users: Path, cube: ObjectModel) -> None:
-    before = mujoco.MjModel.from_xml_string(USER)
+    # size changes the corners but not the inertia
     m = patched(users, geometry=[1.02]).model
     np.testing.assert_allclose(m.geom_size[1], 1.02 * HALF)
     np.testing.assert_allclose(m.body_inertia[1], before.body_inertia[1], rtol=1e-5)
-    ours = make_patch(hypothesis(cube, geometry=[1.02])).model
-    rest = fly(ours, [0] * 6, 0.3, z=1.02 * HALF)
+    rest = fly(make_patch(hypothesis(cube, geometry=[1.02])).model, [0] * 6, 0.3, z=1.02 * HALF)
     assert abs(rest.qpos[2] - 1.02 * HALF) < 2e-5
 
 
@@ -217,15 +215,6 @@ def test_compliance_sinks_by_its_share_of_the_load(
     assert sunk == pytest.approx((1 - impedance) * 0.37 * 9.81 / 4 / stiffness, rel=0.03)
 
 
-def test_adhesion_cannot_be_written_as_mjcf(users: Path) -> None:
-    """MuJoCo's adhesion takes away most of the friction that the contact law's adhesion adds."""
-    assert "adhesion" in patched(users, adhesion=[1.0]).not_expressed
-    spec = mujoco.MjSpec.from_file(str(users))
-    spec.geoms[1].adhesion = 0.2
-    spec.geoms[1].gap = 0.0005
-    assert slide(spec.compile(), [1.5, 0, 0, 0, 0, 0], 0.2).qvel[0] > 1.4 > 1.5 - 0.18 * 9.81 * 0.2
-
-
 def test_a_contact_that_tosses_do_not_follow_is_made_rigid(users: Path) -> None:
     world, _ = world_of_mjcf(users, width=0.1048)
     patch = make_patch(Hypothesis(world, COULOMB), mjcf=users)
@@ -240,9 +229,6 @@ def test_a_contact_that_tosses_do_not_follow_is_made_rigid(users: Path) -> None:
     assert abs(sinks["after"]) < 0.2 * abs(sinks["before"])
     assert slides["after"] == pytest.approx(1 - 0.18 * 9.81 * 0.2, abs=0.05)
     assert slides["before"] > slides["after"] + 0.05  # a pyramid's edge holds less
-
-
-# ---------------------------------------------------------------- the file that a person gets
 
 
 def test_the_file_keeps_what_the_user_wrote_and_names_no_folder(users: Path) -> None:
@@ -287,9 +273,6 @@ def test_the_patched_file_takes_its_meshes_and_textures_along(tmp_path: Path, cu
     assert sorted(m.tex_data[m.tex_adr].tolist()) == [0, 255]
 
 
-# ---------------------------------------------------------------- the model as a world
-
-
 def test_recorded_motion_of_a_mujoco_world_is_that_of_a_world(cube: ObjectModel, users: Path) -> None:
     """In flight both simulators are exact: only the recording can differ."""
     recording = RecordingErrors(1.05, 1.02, (0.004, -0.003, 0.002), (0.01, -0.02))
@@ -311,3 +294,99 @@ def test_a_motion_that_explodes_is_lost_and_said(cube: ObjectModel) -> None:
     run = MujocoWorld(m, World(cube)).roll_out(q0, v0, n_steps=np.array([5, 5]), dt=0.01)
     assert np.isfinite(run[0]).all()
     assert np.isnan(run[1, -1]).all()
+
+
+# ---------------------------------------------------------------- whole tosses in MuJoCo
+
+
+FRAMES = 60
+
+
+def sample_of(tosses: list[Toss], cube: ObjectModel) -> Sample:
+    return Sample(make_windows(tosses, cube), len(tosses))
+
+
+@pytest.fixture(scope="module")
+def slippery(cube: ObjectModel) -> list[Toss]:
+    """Tosses by MuJoCo's nearly rigid contact, of a cube with friction 0.4."""
+    rng = np.random.default_rng(5)
+    world = World(cube.with_changes(friction=0.4))
+    run, _ = toss_in_mujoco(world, *thrown(rng, 6), FRAMES, DT, substeps=68)
+    return recorded(run, cube, rng)
+
+
+def errors_of(made: Hypothesis, tosses: list[Toss], path: Path | None = None) -> np.ndarray:
+    runs = runs_in_mujoco(path)(made, tosses, sample_of(tosses, made.base.object))
+    return distances(runs, [toss.q for toss in tosses], made.base.object.width)
+
+
+def by_hand(m: mujoco.MjModel, toss: Toss, q: np.ndarray, v: np.ndarray, width: float) -> tuple[float, float]:
+    """What a person computes: steps of the model's own, and between two of them a straight line."""
+    d = mujoco.MjData(m)
+    d.qpos[:], d.qvel[:] = q, v
+    far, turned, before = [], [], q.copy()
+    for t, pose in zip(toss.t - toss.t[0], toss.q, strict=True):
+        while d.time < t - 1e-9:
+            before = d.qpos.copy()
+            mujoco.mj_step(m, d)
+        now = before + (d.qpos - before) * (1 - (d.time - t) / m.opt.timestep) if d.time > t else d.qpos.copy()
+        far.append(np.linalg.norm(now[:3] - pose[:3]))
+        turned.append(geodesic_angle(now[3:] / np.linalg.norm(now[3:]), pose[3:]))
+    return 100 * float(np.mean(far)) / width, float(np.rad2deg(np.mean(turned)))
+
+
+@pytest.mark.parametrize("found", [{}, {"friction": [0.4], "com_offset": [0.002, 0.0, -0.003]}])
+@pytest.mark.parametrize("own", [True, False])
+def test_errors_are_those_of_the_file_in_plain_mujoco(
+    cube: ObjectModel, slippery: list[Toss], tmp_path: Path, found: dict[str, list[float]], own: bool
+) -> None:
+    path, out = tmp_path / "cube.xml", tmp_path / "patched.xml"
+    path.write_text(USER)
+    simulator, sample = read_simulator(path, cube), sample_of(slippery, cube)
+    made = Hypothesis(simulator.world, simulator.law if own else simulator.laws[0])
+    for name, values in found.items():
+        made = made.plus(EFFECTS[name], np.array(values))
+    errors = errors_of(made, slippery, path)
+    patch = make_patch(made, mjcf=path)
+    out.write_text(patch.mjcf)
+    # nothing to change: the user's own file
+    m = mujoco.MjModel.from_xml_path(str(out if patch.changes else path))
+    q, v = first_states(slippery, made.world(), sample.windows)
+    for i in (0, 3):
+        # (contact amplifies rounding of the time at which a frame is)
+        assert errors[i] == pytest.approx(by_hand(m, slippery[i], q[i], v[i], cube.width), rel=2e-3)
+
+
+def test_the_right_patch_closes_the_gap_in_mujoco(cube: ObjectModel, slippery: list[Toss]) -> None:
+    found = hypothesis(cube, friction=[0.4])
+    run = rerun(found, Hypothesis(World(cube)), slippery, sample_of(slippery, cube))
+    assert run["n_tosses"] == 6
+    for key, least in (("position_error_pct", 1.0), ("rotation_error_deg", 0.8)):
+        assert run[key]["after"]["value"] < least < run[key]["before"]["value"]
+
+
+def test_a_recording_in_other_lengths_is_predicted_in_them(cube: ObjectModel, slippery: list[Toss]) -> None:
+    longer = [replace(toss, q=toss.q * ([1.05] * 3 + [1] * 4), v=toss.v * ([1.05] * 3 + [1] * 3)) for toss in slippery]
+    found = {"friction": [0.4]}
+    plain = errors_of(hypothesis(cube, **found), slippery)
+    scaled = errors_of(hypothesis(cube, **found, length_scale=[1.05]), longer)
+    np.testing.assert_allclose(scaled, plain * [1.05, 1.0], atol=0.1)
+
+
+def test_an_effect_that_mjcf_lacks_takes_no_part_and_is_named(cube: ObjectModel, slippery: list[Toss]) -> None:
+    sample = sample_of(slippery, cube)
+    found = hypothesis(cube, friction=[0.4], vortex=[2.0])
+    run = rerun(found, Hypothesis(World(cube)), slippery, sample)
+    assert run["not_in_it"] == ["vortex"]
+    without = errors_of(hypothesis(cube, friction=[0.4]), slippery)
+    np.testing.assert_array_equal(errors_of(found, slippery), without)
+
+
+def test_of_many_tosses_some_are_run_and_counted(
+    cube: ObjectModel, slippery: list[Toss], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "MOST_SECONDS", 2.5 * FRAMES * DT)
+    sample = sample_of(slippery, cube)
+    errors = errors_of(Hypothesis(World(cube)), slippery)
+    assert np.isfinite(errors).all(1).sum() == 2
+    assert rerun(hypothesis(cube, friction=[0.4]), Hypothesis(World(cube)), slippery, sample)["n_tosses"] == 2

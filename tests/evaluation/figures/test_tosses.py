@@ -27,7 +27,7 @@ from tossid.evaluation.metrics import summarize
 from tossid.motion import frames_in_flight
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_exp
-from tossid.types import RecordingOrder, Rollout, Session, Toss
+from tossid.types import RecordingOrder, Rollout, Session
 
 
 @dataclass
@@ -66,7 +66,7 @@ def test_every_toss_is_a_dot_and_intervals_are_those_of_the_metrics() -> None:
 
 def test_errors_are_lined_up_at_first_contact(cube: ObjectModel) -> None:
     toss, run = toss_and_rollout(cube)
-    later = Toss("later", toss.t[9:], toss.q[9:], toss.v[9:], toss.q_cov[9:], toss.v_cov[9:], toss.phase[9:])
+    later = toss.frames(slice(9, None))
     short = Rollout(run.t[9:], run.q[9:], run.v[9:], run.lam_n[9:])
     along = errors_along([toss, later], [run, short], cube)
     assert along.position_error_pct.shape == (2, len(toss))

@@ -12,6 +12,7 @@ from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
+from tossid.types import Toss
 
 FRICTION = 0.26
 """Of the tosses of `slippery`; 0.18 is stated."""
@@ -28,9 +29,15 @@ def sample_of(cube: ObjectModel) -> Callable[..., Sample]:
 
 
 @pytest.fixture(scope="session")
-def slippery(cube: ObjectModel, sample_of: Callable[..., Sample]) -> Sample:
+def slippery_tosses(cube: ObjectModel) -> list[Toss]:
     """Twelve tosses of a cube whose friction is not as stated."""
-    return sample_of(with_effect(cube, "friction", [FRICTION]))
+    return seen(with_effect(cube, "friction", [FRICTION]), cube, 12, seed=3, frames=70)
+
+
+@pytest.fixture(scope="session")
+def slippery(cube: ObjectModel, slippery_tosses: list[Toss]) -> Sample:
+    """Their sample."""
+    return Sample(make_windows(slippery_tosses, cube), len(slippery_tosses))
 
 
 @pytest.fixture(scope="session")
