@@ -22,14 +22,6 @@ DIGESTS = """
 from tossid.code_digest import code_digest
 print(code_digest(), code_digest("tossid", "pipelines"))
 """
-STUDY = """
-from pathlib import Path
-from pipelines.commands.cells import study_cells
-from pipelines.config.compose import load
-from pipelines.config.schemas import EvaluateConfig
-sweep = load("evaluate", EvaluateConfig, ["sweep=gravity", "sweep.models=[cn]", "sweep.values=[9.81]"]).sweep
-print(next(iter(study_cells(sweep, Path("x.h5"), "hash of the data"))).digest)
-"""
 
 
 def test_an_edit_changes_the_digest_of_its_package(tmp_path: Path) -> None:
@@ -42,16 +34,6 @@ def test_an_edit_changes_the_digest_of_its_package(tmp_path: Path) -> None:
     assert before == of_tossid
     assert len({before, last}) == 2
     assert len({both, edited, twice}) == 3
-
-
-def test_a_study_depends_on_its_code_and_on_conf(tmp_path: Path) -> None:
-    copy = Copy(tmp_path)
-    found = [copy.python(STUDY)]
-    copy.edit("conf/model/cn.yaml", r"\Z", "hidden: 17\n")
-    found.append(copy.python(STUDY))
-    copy.edit("tossid/physics/forces.py", r"\Z", "\nSPARE = 1\n")
-    found.append(copy.python(STUDY))
-    assert len(set(found)) == 3
 
 
 @pytest.fixture

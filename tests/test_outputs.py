@@ -13,7 +13,7 @@ import pytest
 
 from tossid import outputs
 from tossid.errors import InputError, OutputError
-from tossid.outputs import move_files, output_file, output_folder, output_stream, recover_folder
+from tossid.outputs import move_files, output_file, output_folder, recover_folder
 
 
 def entries(folder: Path) -> list[str]:
@@ -82,10 +82,11 @@ def test_files_take_the_places_of_others(tmp_path: Path) -> None:
 def test_the_disks_refusals_become_one_error(tmp_path: Path, code: int, words: str) -> None:
     out = tmp_path / "a.h5"
     out.write_text("old")
-    with pytest.raises(OutputError, match=words) as caught, output_file(out) as temporary:
-        temporary.write_text("half")
-        raise OSError(code, os.strerror(code))
-    assert str(out) in str(caught.value)
+    for raised in (lambda _: OSError(code, os.strerror(code)), lambda temporary: OutputError(f"{temporary}: no")):
+        with pytest.raises(OutputError, match=words) as caught, output_file(out) as temporary:
+            temporary.write_text("half")
+            raise raised(temporary) from OSError(code, os.strerror(code))
+        assert str(caught.value).startswith(str(out))  # and no word of the temporary file
     assert out.read_text() == "old"
     assert entries(tmp_path) == ["a.h5"]
 
@@ -94,16 +95,6 @@ def test_errors_about_other_files_are_not_blamed_on_the_output(tmp_path: Path) -
     (tmp_path / "out").mkdir()
     with pytest.raises(PermissionError), output_file(tmp_path / "out" / "a.h5"):
         raise PermissionError(errno.EACCES, "no", str(tmp_path / "input.h5"))
-
-
-def test_a_second_writer_is_refused(tmp_path: Path) -> None:
-    out = tmp_path / "a.h5"
-    with output_file(out) as temporary:
-        with pytest.raises(OutputError, match=f"another tossid command .*{os.getpid()}"), output_file(out):
-            pass
-        temporary.write_text("first")
-    assert out.read_text() == "first"
-    assert entries(tmp_path) == ["a.h5"]
 
 
 WRITER = """
@@ -141,18 +132,6 @@ def test_a_killed_writer_leaves_what_was_there(tmp_path: Path, name: str, number
     assert entries(tmp_path) == [name]
 
 
-def test_what_a_killed_writer_leaves_goes_with_the_next(tmp_path: Path) -> None:
-    path = tmp_path / "a.h5"
-    with output_file(path) as temporary, output_stream(temporary) as stream:
-        stream.write(b"half")
-        left = [name for name in entries(tmp_path) if not name.endswith(".lock")]
-    assert len(left) == 1
-    (tmp_path / left[0]).write_bytes(b"half")  # as kill -9 would have left it
-    with output_file(path) as temporary:
-        temporary.write_text("new")
-    assert entries(tmp_path) == ["a.h5"]
-
-
 def test_other_outputs_temporaries_are_left_alone(tmp_path: Path) -> None:
     others = [".ab.tmp-1-00000000.h5", ".a.tmp-1-00000000.txt", ".a.tmp-mine.h5"]
     for name in others:
@@ -161,15 +140,6 @@ def test_other_outputs_temporaries_are_left_alone(tmp_path: Path) -> None:
     with output_file(tmp_path / "a.h5") as temporary:
         temporary.write_text("new")
     assert entries(tmp_path) == sorted([*others, "a.h5"])
-
-
-def test_a_rooms_word_about_the_temporary_names_the_output(tmp_path: Path) -> None:
-    out = tmp_path / "a.h5"
-    full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-    words = r"a\.h5: cannot be written: the disk is full"
-    with pytest.raises(OutputError, match=words) as caught, output_file(out) as temporary:
-        raise OutputError(f"{temporary}: no") from full
-    assert ".tmp-" not in str(caught.value)
 
 
 def test_many_writers_leave_one_whole_file(tmp_path: Path) -> None:

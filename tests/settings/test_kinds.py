@@ -186,16 +186,6 @@ def test_what_an_older_file_lacks_is_the_default() -> None:
 # ---------------------------------------------------------------- settings of the library
 
 
-def test_parts_are_changed_by_name() -> None:
-    settings = changed(
-        DiagnoseSettings(), {"degrees_of_freedom": 5.0, "likelihood__simulation__substeps": 3, "seed": 3}
-    )
-    assert settings.likelihood.density.degrees_of_freedom == 5.0
-    assert settings.likelihood.simulation.substeps == 3
-    assert settings.likelihood.windows == DiagnoseSettings().likelihood.windows
-    assert settings.seed == 3
-
-
 def test_the_thresholds_of_contact_reach_the_simulator_of_windows(cube: ObjectModel) -> None:
     settings = changed(DiagnoseSettings(), {"bounce_speed": 0.05}).likelihood.simulation
     assert steps_of(World(cube), settings)["contact"] == ContactSettings(bounce_speed=0.05)

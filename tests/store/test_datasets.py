@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import errno
 import json
-import os
 import resource
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -322,21 +320,6 @@ def kept(path: Path) -> Iterator[Path]:
     yield path
     assert path.read_bytes() == before
     assert [p.name for p in path.parent.iterdir()] == [path.name]
-
-
-@pytest.mark.parametrize("call", ["fsync", "replace"])
-@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()])
-def test_a_full_disk_and_an_interrupt_leave_the_earlier_file(
-    dataset: Dataset, kept: Path, monkeypatch: pytest.MonkeyPatch, call: str, error: BaseException
-) -> None:
-    def fails(*_: object) -> None:
-        raise error
-
-    monkeypatch.setattr(os, call, fails)
-    says = "cannot be written: the disk is full" if isinstance(error, OSError) else None
-    with pytest.raises((OutputError, KeyboardInterrupt), match=says):
-        write_dataset(replace(dataset, rate_hz=1.0), kept)
-    monkeypatch.undo()
 
 
 @pytest.mark.parametrize("size", [3_000, 30_000, 150_000])

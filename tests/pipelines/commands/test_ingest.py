@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
-import signal
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-import yaml
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.stores.ros1_noetic import (
@@ -84,38 +79,6 @@ def test_ingest_reads_videos_and_bags_as_it_reads_frames(
         assert found["n_tosses"] == frames["n_tosses"]
         (mine,), (theirs,) = (read_dataset(Path(f"{name}.h5")).tosses for name in (source, "frames"))
         np.testing.assert_allclose(mine.q, theirs.q, atol=1e-6)
-
-
-def test_ingest_finds_where_a_camera_stands(film: Path, project: Path, answer: Any) -> None:
-    (recording,) = (film / "data" / "raw").iterdir()
-    known = answer("ingest", f"source.path={recording}", "out=known.h5")
-    shutil.copytree(recording, project / "blind")
-    poses = yaml.safe_load((recording / "camera_poses.yaml").read_text())
-    (project / "blind" / "camera_poses.yaml").write_text(yaml.safe_dump({"cam0": poses["cam0"]}))
-    found = answer("ingest", "source.path=blind", "out=found.h5")
-    assert known["track"]["cameras"] == {}
-    assert list(found["track"]["cameras"]) == ["cam1"]
-    assert found["track"]["n_poses"] > 0.95 * known["track"]["n_poses"]
-    (true,), (toss,) = (read_dataset(Path(f"{name}.h5")).tosses for name in ("known", "found"))
-    both, at, true_at = np.intersect1d(np.round(toss.t, 6), np.round(true.t, 6), return_indices=True)
-    assert len(both) > 0.9 * len(true.t)
-    assert np.median(np.linalg.norm(toss.q[at, :3] - true.q[true_at, :3], axis=1)) < 1e-3
-
-
-def test_ctrl_c_during_ingest(film: Path, project: Path) -> None:
-    (project / "a.h5").write_text("old")
-    recording = film / newest_recording(film / "data" / "raw")
-    words = [sys.executable, "-m", "pipelines.cli.app", "ingest", f"source.path={recording}", "out=a.h5"]
-    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as running:
-        assert running.stderr is not None
-        assert "images" in running.stderr.readline()
-        running.send_signal(signal.SIGINT)
-        err = running.stderr.read()
-    assert running.returncode == 130
-    assert "interrupted" in err.strip().splitlines()[-1]
-    assert "Traceback" not in err
-    assert (project / "a.h5").read_text() == "old"
-    assert [path.name for path in project.iterdir()] == ["a.h5"]
 
 
 def test_copies_and_turns_of_the_real_cube_are_reported_and_undone_where_asked(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import resource
 import shutil
 import signal
 import subprocess
@@ -163,14 +162,3 @@ def test_a_full_disk_while_the_checkpoint_is_written(
     assert failed.status == "FAILED"
     monkeypatch.setattr(outputs, "_sync", sync)
     assert answer(*TRAIN)["run"] == failed.run_id  # and the run goes on
-
-
-@pytest.mark.slow
-def test_a_store_that_cannot_grow(beside: Path) -> None:
-    def limited() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (48_000, 48_000))
-
-    command = [sys.executable, "-m", "pipelines.cli.app", *TRAIN, "--quiet"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=beside, preexec_fn=limited, timeout=120)
-    assert done.returncode == 1
-    assert "MLflow's store" in one_line(done.stderr)

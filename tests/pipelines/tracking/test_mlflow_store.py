@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import errno
-import fcntl
-import os
 import sqlite3
 from contextlib import closing
 from pathlib import Path
@@ -42,17 +39,6 @@ def test_a_network_file_system_is_known_by_its_mount(tmp_path: Path, monkeypatch
     monkeypatch.setattr(Path, "read_text", lambda self: mounts if self.name == "mounts" else read(self))
     assert mlflow_store.network_file_system(tmp_path / "a b" / "not" / "there.db") == "nfs4"
     assert mlflow_store.network_file_system(tmp_path / "a") is None
-
-
-def test_a_store_is_made_without_flock(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object) -> None:
-        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
-
-    monkeypatch.setattr(fcntl, "flock", refuse)
-    with tracked_run("there", {}, command="train") as run:
-        pass
-    assert stored_run(run.id).info.status == "FINISHED"
-    assert not [path for path in project.iterdir() if path.name.startswith(".")]
 
 
 def test_the_doctor_names_the_file_system(project: Path, answer: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -95,42 +81,23 @@ def test_a_password_that_is_not_encoded_is_refused(
     assert "%40 and %2F" in line
 
 
-@pytest.mark.usefixtures("inside")
-def test_an_experiment_is_made_once() -> None:
-    store = client()
-    assert not is_remote(store)
-    made = experiment_id(store, "tossid-test")
-    assert experiment_id(store, "tossid-test") == made
-    assert experiment_id(store, "tossid-other") != made
-
-
-def test_a_store_whose_making_failed_is_removed(tmp_path: Path) -> None:
+def test_a_store_appears_whole_or_not_at_all(tmp_path: Path) -> None:
     database = tmp_path / "mlflow.db"
     with pytest.raises(KeyboardInterrupt), _making(database):
         database.write_bytes(b"half a store")
         raise KeyboardInterrupt
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_store_that_a_killed_process_left_half_made_is_put_aside(tmp_path: Path) -> None:
-    database = tmp_path / "mlflow.db"
-    database.write_bytes(b"half a store")
+    database.write_bytes(b"half a store")  # and here the process was killed
     database.with_suffix(".making").write_bytes(b"making")
     with _making(database):
         assert not database.exists()
         database.write_bytes(b"whole")
+    with pytest.raises(ValueError, match="of the caller"), _making(database):
+        raise ValueError("of the caller")
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {
         "mlflow.db": b"whole",
         "mlflow.db.unfinished": b"half a store",
     }
-
-
-def test_a_store_that_is_there_is_left_alone(tmp_path: Path) -> None:
-    database = tmp_path / "mlflow.db"
-    database.write_bytes(b"whole")
-    with pytest.raises(ValueError, match="of the caller"), _making(database):
-        raise ValueError("of the caller")
-    assert database.read_bytes() == b"whole"
 
 
 def _other_version(database: Path) -> None:
@@ -181,16 +148,11 @@ def test_what_is_deleted_while_a_command_works_is_no_bug(
     assert "The command can be run again" in said
 
 
-def test_the_page_opens_the_experiment_as_training_of_models(project: Path) -> None:
+def test_an_experiment_is_made_once_and_the_page_opens_it_as_training_of_models(project: Path) -> None:
     store = client()
+    assert not is_remote(store)
     store.create_experiment("tossid")  # as an earlier version made it
-    for name in ("tossid", "another"):
-        made = store.get_experiment(experiment_id(store, name))
-        assert made.tags["mlflow.experimentKind"] == "custom_model_development"
-
-
-def test_a_run_says_what_it_found(project: Path) -> None:
-    with tracked_run("there", {}, command="train") as run:
-        run.describe("`cn`, learned.", ("learned", "value"), [("friction", "0.3")])
-    said = stored_run(run.id).data.tags["mlflow.note.content"]
-    assert said == "`cn`, learned.\n\n| learned | value |\n| --- | --- |\n| friction | 0.3 |"
+    made = [experiment_id(store, name) for name in ("tossid", "another", "tossid")]
+    assert made[0] == made[2] != made[1]
+    for each in made:
+        assert store.get_experiment(each).tags["mlflow.experimentKind"] == "custom_model_development"

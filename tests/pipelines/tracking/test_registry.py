@@ -1,4 +1,4 @@
-"""A registered model: what goes in and what comes out, and that it is no pickle."""
+"""A registered model's answers. `test_export` has its shapes, and that it is no pickle."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipelines.tracking.registry import EXAMPLE_STEPS, FRAME, Served, signature_of, write_model
+from pipelines.tracking.registry import EXAMPLE_STEPS, FRAME, Served, write_model
 from tossid.models import TrainedModel, build_model, variant
 from tossid.objects import ObjectModel
 from tossid.settings.training import TrainSettings
@@ -29,22 +29,6 @@ def test_a_call_without_a_length_is_one_frame(trained: TrainedModel) -> None:
     longer = Served(trained).predict({"q": q, "v": v}, {"n_steps": 3, "dt": 0.01})
     assert longer["v"].shape == (2, 4, 7)
     assert longer["q"][:, 3, 0] == pytest.approx(0.5 * 0.03)
-
-
-def test_the_signature_has_the_objects_shapes(trained: TrainedModel) -> None:
-    signature = signature_of(trained)
-    assert [(spec.name, spec.shape) for spec in signature.inputs.inputs] == [("q", (-1, 8)), ("v", (-1, 7))]
-    assert [(spec.name, spec.shape) for spec in signature.outputs.inputs] == [("q", (-1, -1, 8)), ("v", (-1, -1, 7))]
-
-
-def test_the_folder_holds_the_checkpoint_and_no_pickle(trained: TrainedModel, tmp_path: Path) -> None:
-    checkpoint, folder = trained.save(tmp_path / "model.pt"), tmp_path / "registered"
-    folder.mkdir()
-    model = write_model(checkpoint, folder)
-    assert model.metadata == {"tossid.model": "cn", "data": "ab"}
-    assert (folder / "checkpoint.pt").read_bytes() == checkpoint.read_bytes()
-    assert not [path for path in folder.rglob("*") if path.suffix in (".pkl", ".pickle")]
-    assert "pipelines.tracking.registry" in (folder / "MLmodel").read_text()
 
 
 def test_the_example_is_a_call_that_the_model_answers(trained: TrainedModel, tmp_path: Path) -> None:

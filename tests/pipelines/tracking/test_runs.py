@@ -18,7 +18,7 @@ from pipelines.tracking.mlflow_store import client
 from pipelines.tracking.run import tracked_run
 from pipelines.tracking.runs import CHECKPOINT, EXPERIMENT, RUN, TRAININGS, find_run, find_runs
 from tests.pipelines.conftest import metric_history, one_line, stored_run
-from tossid.errors import FileError, InputError
+from tossid.errors import InputError
 from tossid.yaml_files import read_yaml
 
 SHA = "ab" * 32
@@ -211,11 +211,6 @@ def test_look_ups_of_remote_runs_leave_no_copies(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", LOOK_UP], env=environment, capture_output=True, text=True, timeout=60)
     assert done.stdout.splitlines() == ["seed: 1 ['checkpoint.pt']"] * 3, done.stderr
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_folder_that_is_no_run(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="is no run"):
-        find_run(tmp_path)
 
 
 def _checkpointed(name: str, command: str) -> str:

@@ -6,7 +6,6 @@ import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -35,15 +34,6 @@ with tracked_run(name, {"seed": 1}, command="train") as run:
 """
 
 
-def test_no_server_at_the_start(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    script = "from pipelines.cli.app import main; main(['evaluate'])"
-    monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://127.0.0.1:9")
-    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=project, timeout=120)
-    assert done.returncode == 2
-    assert "MLFLOW_TRACKING_URI=http://127.0.0.1:9: the tracking server does not answer" in done.stderr
-
-
 def test_any_password_fits_into_the_databases_address() -> None:
     from sqlalchemy import make_url
 
@@ -65,26 +55,6 @@ def test_the_containers_know_the_password_from_a_file_and_install_nothing_when_t
     lines = (folder / "Dockerfile").read_text().splitlines()
     (install,) = [line for line in lines if "pip install" in line]
     assert "--constraint /locks/cpu.txt" in install
-
-
-@pytest.mark.slow
-def test_a_database_with_a_password_of_any_characters(
-    project: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch, answer: Any
-) -> None:
-    """Through MLflow's server, and as the tracking address itself; the doctor connects to both."""
-    with postgres("p@ss/w:rd%40-9f3a") as database:
-        server = Server(tmp_path_factory.mktemp("server"), database)
-        try:
-            server.start()
-            for uri in (server.uri, database):
-                monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
-                (found,) = [each for each in answer("doctor")["findings"] if each["what"] == "MLflow"]
-                assert (found["state"], "9f3a" in found["found"]) == ("good", False)
-        finally:
-            server.stop()
-    (found,) = [each for each in answer("doctor")["findings"] if each["what"] == "MLflow"]
-    assert found["state"] == "missing"
-    assert "9f3a" not in str(found)
 
 
 @pytest.mark.slow
