@@ -31,7 +31,7 @@ class Study:
     Attributes:
         model: Its name.
         tosses: Of the training split.
-        restarts: Most times that corners are started again.
+        restarts: Whether corners that tosses contradict start where the tosses show corners.
         starts: How many.
         first: Number of the first of them, where a study goes on.
         seed: Draws the tosses.
@@ -39,7 +39,7 @@ class Study:
 
     model: str
     tosses: int
-    restarts: int
+    restarts: bool
     starts: int
     first: int = 0
     seed: int = 0
@@ -51,11 +51,10 @@ class Study:
 
         import tossid
         from tossid.models import variant
-        from tossid.settings.training import RestartSettings
 
         model = replace(variant(self.model), gravity=gravity, length_scale=1.0)
-        restarts, began = RestartSettings(corners=self.restarts), time.process_time()
-        trained = tossid.train(dataset, model=model, tosses=self.tosses, restarts=restarts, seed=self.seed)
+        began = time.process_time()
+        trained = tossid.train(dataset, model=model, tosses=self.tosses, restart_corners=self.restarts, seed=self.seed)
         return trained, time.process_time() - began
 
 
@@ -161,7 +160,7 @@ def parsed(arguments: list[str]) -> tuple[Path, Study]:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--model", default="cnrpi")
     parser.add_argument("--tosses", type=int, default=64)
-    parser.add_argument("--restarts", type=int, default=3)
+    parser.add_argument("--no-restarts", dest="restarts", action="store_false", help="leave corners as they are given")
     parser.add_argument("--starts", type=int, default=20, help="so many, from the first on")
     parser.add_argument("--first", type=int, default=0, help="leave out those before this one")
     parser.add_argument("--seed", type=int, default=0, help="draws the tosses")

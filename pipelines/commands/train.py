@@ -207,9 +207,8 @@ def _show_convergence(trained: TrainedModel, console: Console) -> None:
                 "than with friction alone, so they stay as before"
             )
             continue
-        kept = "" if restart["kept"] else ", which did not help and was undone"
         count = f"{restart['moved']} corners" if restart["what"] == "corners" else restart["what"]
-        console.say(f"{restart['stage']}: {count} started again{kept}")
+        console.say(f"{restart['stage']}: {count} started again")
     unseen = sum(not seen for link in trained.parameters["geometry"] for seen in link["seen"])
     if unseen:
         console.warn(f"{unseen} learned corners never came down to the ground: no toss decides where they are")

@@ -21,7 +21,7 @@ def test_rows_say_where_a_start_ended(
     made = draw_splits(tuple(tosses(cube, 40, seed=3)), fractions=(0.7, 0.15, 0.15), seed=0)
     dataset = Dataset(cube, made, 148.0, "synthetic", {})
     monkeypatch.setattr("tossid.ingest", lambda *_, **__: replace(dataset))
-    starts.main(Path(), starts.Study("cn", 20, 3, 2), Console())
+    starts.main(Path(), starts.Study("cn", 20, True, 2), Console())
     lines = capsys.readouterr().err.splitlines()
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if line.startswith("| `cn`")]
     columns = starts.HEAD.split("|")

@@ -229,23 +229,20 @@ def test_the_true_corners_are_not_contradicted(evidence: ShapeEvidence) -> None:
     assert evidence.unexplained(TRUE) == 0.0
     for corners in (TRUE, np.vstack([TRUE, OFFSET])):  # an inner corner beside all others is left alone
         assert evidence.contradiction(corners) is None
-        np.testing.assert_array_equal(evidence.corrected(corners), corners)
+        np.testing.assert_allclose(evidence.corrected(corners), corners, atol=2e-3)
 
 
 def test_a_corner_inside_is_missed_and_put_back(evidence: ShapeEvidence) -> None:
     wrong = with_corner(2, OFFSET)
     assert "outside the learned ones" in (evidence.contradiction(wrong) or "")
-    corrected = evidence.corrected(wrong)
-    np.testing.assert_array_equal(np.delete(corrected, 2, axis=0), np.delete(TRUE, 2, axis=0))
-    assert np.linalg.norm(corrected[2] - TRUE[2]) < 2e-3
+    np.testing.assert_allclose(evidence.corrected(wrong), TRUE, atol=2e-3)
     # of two in one place one is moved
     assert distance(TRUE, evidence.corrected(with_corner(0, TRUE[1] + 1e-4))).min(axis=1).max() < 2e-3
 
 
 def test_every_corner_goes_where_contacts_show_it(evidence: ShapeEvidence) -> None:
     near, far = TRUE + 1e-3, with_corner(2, OFFSET)
-    np.testing.assert_array_equal(evidence.corrected(near), near)
-    np.testing.assert_array_equal(evidence.corrected(near, every=True), evidence.corrected(far, every=True))
+    np.testing.assert_array_equal(evidence.corrected(near), evidence.corrected(far))
 
 
 def test_a_corner_below_the_ground_is_brought_back(evidence: ShapeEvidence) -> None:
@@ -254,4 +251,4 @@ def test_a_corner_below_the_ground_is_brought_back(evidence: ShapeEvidence) -> N
     assert "below the ground" in (evidence.contradiction(beyond) or "")
     corrected = evidence.corrected(beyond)
     assert evidence.contradiction(corrected) is None
-    np.testing.assert_array_equal(corrected[:6], TRUE)
+    np.testing.assert_allclose(corrected[:6], TRUE, atol=2e-3)

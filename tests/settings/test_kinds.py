@@ -10,13 +10,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import pytest
 
-from tossid.diagnosis.likelihood.windows import steps_of
 from tossid.errors import ConfigError, InputError
-from tossid.objects import ObjectModel
-from tossid.physics.effects import World
 from tossid.settings.changed import changed
-from tossid.settings.contact import ContactSettings
-from tossid.settings.diagnosis.diagnose import DiagnoseSettings
 from tossid.settings.kinds import (
     ADVANCED,
     Bounds,
@@ -33,7 +28,7 @@ from tossid.settings.objects import PRESETS, ObjectSettings, UnknownObjectSettin
 from tossid.settings.rendering import RenderSettings
 from tossid.settings.synthesis import SynthesizeSettings
 from tossid.settings.tracking import StreamSettings, TrackSettings
-from tossid.settings.training import ModelSettings, RolloutSettings, TrainSettings
+from tossid.settings.training import ModelSettings, TrainSettings
 
 OBJECT = ObjectSettings | UnknownObjectSettings
 
@@ -165,7 +160,7 @@ def test_an_advanced_part_changes_by_name_and_is_marked() -> None:
 @pytest.mark.parametrize(
     "own",
     [
-        TrainSettings(seed=3, tosses=5, rollouts=RolloutSettings(huber=0.2), model=ModelSettings(horizons=(5, 10))),
+        TrainSettings(seed=3, tosses=5, object=UnknownObjectSettings(mass=0.2), model=ModelSettings(horizons=(5, 10))),
         SynthesizeSettings(tosses=3, effects={"wind": {"x_ms": 1.0}}),
         PRESETS["cube"],
     ],
@@ -175,20 +170,15 @@ def test_what_was_plain_comes_back(own: Any) -> None:
 
 
 def test_what_an_older_file_lacks_is_the_default() -> None:
-    expected = replace(TrainSettings(), seed=2, rollouts=RolloutSettings(settling=3))
-    assert from_plain(TrainSettings(), {"seed": 2, "rollouts": {"settling": 3}}) == expected
-    gone = {"seed": 2, "speed": 1.0, "rollouts": {"settling": 3, "pace": {"slow": 1}}}
+    expected = replace(TrainSettings(), seed=2, model=replace(TrainSettings().model, hidden=3))
+    assert from_plain(TrainSettings(), {"seed": 2, "model": {"hidden": 3}}) == expected
+    gone = {"seed": 2, "speed": 1.0, "model": {"hidden": 3, "pace": {"slow": 1}}}
     assert from_plain(TrainSettings(), gone) == expected
-    with pytest.raises(ConfigError, match=r"rollouts\.settling: 'x' will not do"):
-        from_plain(TrainSettings(), {"rollouts": {"settling": "x"}})
+    with pytest.raises(ConfigError, match=r"model\.hidden: 'x' will not do"):
+        from_plain(TrainSettings(), {"model": {"hidden": "x"}})
 
 
 # ---------------------------------------------------------------- settings of the library
-
-
-def test_the_thresholds_of_contact_reach_the_simulator_of_windows(cube: ObjectModel) -> None:
-    settings = changed(DiagnoseSettings(), {"bounce_speed": 0.05}).likelihood.simulation
-    assert steps_of(World(cube), settings)["contact"] == ContactSettings(bounce_speed=0.05)
 
 
 @pytest.mark.parametrize("wrong", [{"samples": 0}, {"noise": -1.0}, {"ambient": 1.1}, {"glare": -0.1}, {"focus": -1.0}])

@@ -58,7 +58,7 @@ def test_keys_are_settings_and_the_rest_is_the_variants(dataset: Dataset) -> Non
         ({"epochs": "5"}, r"epochs: '5' will not do; expected a whole number"),
         ({"epochs": 2.5}, r"epochs: 2.5 will not do; expected a whole number"),
         ({"gravity": -1.0}, r"gravity: -1.0 is out of range; expected a number from 0 to 1000"),
-        ({"huber": 0}, r"huber: 0 is out of range; expected a number above 0"),
+        ({"learning_rate": 0}, r"learning_rate: 0 is out of range; expected a number above 0"),
         ({"gravty": 0.0}, r"gravty: is no setting .* 'gravity'"),
         ({"model": "cnrip"}, "cnrpi"),
     ],

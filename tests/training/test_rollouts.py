@@ -10,20 +10,22 @@ import pytest
 from tests.models.made import tosses
 from tossid.models.contactnets import ContactNets
 from tossid.objects import ObjectModel
-from tossid.settings.training import ModelSettings, RolloutSettings, TrainSettings
+from tossid.settings.training import ModelSettings
+from tossid.training import prediction as prediction_error
+from tossid.training import rollouts
 from tossid.training.fit import Fit
 from tossid.training.rollouts import AveragedQuadratics, RolloutStage, clearly_better
 
 SETTINGS = ModelSettings(learn_geometry=False, implicit=False, horizons=(20,))
 
 
-def stage_of(cube: ObjectModel, friction: float, **keys: float) -> tuple[ContactNets, RolloutStage]:
+def stage_of(cube: ObjectModel, friction: float) -> tuple[ContactNets, RolloutStage]:
     made = tosses(cube, 8, seed=1, substeps=SETTINGS.substeps)
     model = ContactNets(cube.with_changes(friction=friction), SETTINGS)
-    fit = Fit(model, made[:6], made[6:], TrainSettings(rollouts=RolloutSettings(**keys)))  # type: ignore[arg-type]
+    fit = Fit(model, made[:6], made[6:])
     prediction = fit.longest_prediction()
     assert prediction is not None
-    return model, RolloutStage(fit.stages[-1], prediction, fit.settings.rollouts)
+    return model, RolloutStage(fit.stages[-1], prediction, fit.settings.rollout_epochs)
 
 
 def test_friction_comes_back(cube: ObjectModel) -> None:
@@ -47,9 +49,11 @@ def test_noisy_tosses_lead_to_one_friction_from_above_and_below(cube: ObjectMode
     assert np.ptp(ends) < 3.5e-3
 
 
-def test_the_gradient_is_that_of_the_loss(cube: ObjectModel) -> None:
+def test_the_gradient_is_that_of_the_loss(cube: ObjectModel, monkeypatch: pytest.MonkeyPatch) -> None:
     """With all frames counted and a loss that is quadratic, g is half the slope of the mean squared error."""
-    _, stage = stage_of(cube, 0.2, chaotic_share=0.0, huber=1e3, difference=1e-4)
+    for name, value in (("CHAOTIC_SHARE", 0.0), ("HUBER", 1e3), ("DIFFERENCE", 1e-4)):
+        monkeypatch.setattr(prediction_error, name, value)
+    _, stage = stage_of(cube, 0.2)
     prediction = stage.prediction
     sums = prediction.gauss_newton()
     losses = []
@@ -61,8 +65,9 @@ def test_the_gradient_is_that_of_the_loss(cube: ObjectModel) -> None:
     np.testing.assert_array_equal(len(sums.g), 6)
 
 
-def test_differences_to_one_side_agree_with_those_to_both(cube: ObjectModel) -> None:
-    _, stage = stage_of(cube, 0.2, difference=1e-4)
+def test_differences_to_one_side_agree_with_those_to_both(cube: ObjectModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(prediction_error, "DIFFERENCE", 1e-4)
+    _, stage = stage_of(cube, 0.2)
     both = stage.prediction.gauss_newton()
     stage.prediction.central = False
     one = stage.prediction.gauss_newton()
@@ -70,18 +75,24 @@ def test_differences_to_one_side_agree_with_those_to_both(cube: ObjectModel) -> 
     np.testing.assert_allclose(one.g.sum(0), both.g.sum(0), rtol=0.02)
 
 
-def test_a_race_on_some_tosses_chooses_the_start_that_all_of_them_choose(cube: ObjectModel) -> None:
+def test_a_race_on_some_tosses_chooses_the_start_that_all_of_them_choose(
+    cube: ObjectModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
     found = []
     for raced in (2, 100):
-        model, stage = stage_of(cube, 1.0, raced_tosses=raced)
+        monkeypatch.setattr(prediction_error, "RACED_TOSSES", raced)
+        model, stage = stage_of(cube, 1.0)
         stage.begin()
         assert stage.friction_restarted
         found.append(model.learned_object().friction)
     assert found[0] == found[1] == pytest.approx(0.15)
 
 
-def test_a_race_drops_what_is_worse_on_a_share_and_keeps_what_may_be_best(cube: ObjectModel) -> None:
-    model, stage = stage_of(cube, 1.0, raced_tosses=1)
+def test_a_race_drops_what_is_worse_on_a_share_and_keeps_what_may_be_best(
+    cube: ObjectModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(prediction_error, "RACED_TOSSES", 1)
+    model, stage = stage_of(cube, 1.0)
     friction = model.friction
     tried: list[float] = []
 
@@ -106,15 +117,18 @@ def test_averaged_quadratics_have_the_weighted_mean_of_their_minima() -> None:
     np.testing.assert_allclose(np.linalg.solve(averaged.H, averaged.b), np.array([1, 2, 3]) @ minima / 6)
 
 
-def test_where_contact_yields_the_last_stage_settles_and_resumes(cube: ObjectModel) -> None:
+def test_where_contact_yields_the_last_stage_settles_and_resumes(
+    cube: ObjectModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in (("LEAST_GAIN", 1.0), ("SETTLING", 3), ("SETTLED", 1e-9)):  # one step, and then averaged ones
+        monkeypatch.setattr(rollouts, name, value)
     truth = cube.with_changes(compliance=1 / 30e3, relaxation=3e-3, cohesion=0.05)
     rng, made = np.random.default_rng(5), tosses(truth, 8, seed=1, substeps=SETTINGS.substeps)
     noisy = [replace(toss, v=toss.v + 0.03 * rng.normal(size=toss.v.shape)) for toss in made]
-    rollouts = RolloutSettings(least_gain=1.0, settling=3, settled=1e-9)  # one step, and then averaged ones
 
     def fresh() -> tuple[ContactNets, Fit]:
         model = ContactNets(cube, replace(SETTINGS, learn_contact_law=True))
-        return model, Fit(model, noisy[:6], noisy[6:], TrainSettings(rollouts=rollouts))
+        return model, Fit(model, noisy[:6], noisy[6:])
 
     model, whole = fresh()
     assert len(list(whole.epochs())) == 1 + 3

@@ -6,7 +6,6 @@ Learning of Contact and Continuous Dynamics", CoRL 2023 (arXiv 2310.12054). What
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -175,12 +174,10 @@ class ContactNets(nn.Module):
         """
         settings, by_stages = self.settings, self._inertia_by_stages
         corners = self.geometry if self.learns_corners else None
-        held = tuple(_learned(self.inertia)) if self.learns_corners else ()
         contact = _learned(self.geometry, self.friction, None if by_stages else self.inertia)
-        widen_gap = self.widen_gap if self.learns_corners else None
         plans = []
         if settings.implicit:
-            plans.append(StagePlan("contact", Objective.LOSS, contact, corners=corners, held=held, widen_gap=widen_gap))
+            plans.append(StagePlan("contact", Objective.LOSS, contact, corners=corners))
         if by_stages and settings.horizons:
             law = self.contact_law if settings.learn_contact_law else None
             last = settings.horizons[-1]
@@ -189,7 +186,7 @@ class ContactNets(nn.Module):
             )
         if by_stages and settings.implicit:
             everything = _learned(self.geometry, self.friction, self.inertia)
-            plans.append(StagePlan("inertia", Objective.LOSS, everything, corners=corners, held=held, judged=True))
+            plans.append(StagePlan("inertia", Objective.LOSS, everything, corners=corners, judged=True))
         return plans
 
     def _rollout_stages(self) -> list[StagePlan]:
@@ -209,14 +206,6 @@ class ContactNets(nn.Module):
             StagePlan(f"rollout-{n}", Objective.ROLLOUT, parameters, n, contact_law=law, friction=friction)
             for n in horizons
         ]
-
-    def widen_gap(self, factor: float) -> None:
-        """Let gaps count quadratically in the loss below a multiple of the stated `gap_scale`.
-
-        Args:
-            factor: Of it.
-        """
-        self.weights = replace(self.weights, gap_scale=factor * self.settings.gap_scale)
 
     def flight_gravity(self, transitions: Transitions) -> float:
         """Mean downward acceleration in free flight, as the model has it [m/s²]."""

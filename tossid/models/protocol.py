@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Any, Protocol
@@ -48,13 +47,9 @@ class StagePlan:
         contact_law: That a rollout stage learns. Its error has several minima in it, so that several starts are
             compared before the first step.
         corners: Corners that the stage learns, which are started again where the tosses contradict them.
-        held: Those of its parameters that it does not learn while the tosses contradict the corners: an inertia would
-            stand in for a missing corner.
         friction: That a rollout stage learns, whose starts are compared before the first step.
         quadratic: One of its parameters, in which the loss is quadratic: it starts at the minimum along it. A gravity
             that is given 9.81 m/s² wrong is then found at once, and no first step along all parameters leaps for it.
-        widen_gap: Multiplies the distance below which a gap counts quadratically in the loss, relative to the stated
-            one.
         judged: Whether what it learns counts only if it lowers the loss of validation tosses: few tosses are fitted
             better by any body with more freedom, and others worse.
         rival: Whether training ends with what it leaves, unless the last stage predicts validation tosses clearly
@@ -68,10 +63,8 @@ class StagePlan:
     optimizer: str | None = None
     contact_law: ContactLaw | None = None
     corners: Geometry | None = None
-    held: tuple[nn.Parameter, ...] = ()
     friction: Friction | None = None
     quadratic: nn.Parameter | None = None
-    widen_gap: Callable[[float], None] | None = None
     judged: bool = False
     rival: bool = False
 

@@ -122,15 +122,14 @@ class ShapeEvidence:
             found.append(f"{outside} learned corners lie more than {reach:.0f} mm below the ground in some frame")
         return "; ".join(found) or None
 
-    def corrected(self, corners: Array, *, every: bool = False) -> Array:
-        """Corners with those that are dead or outside moved to where the tosses show one.
+    def corrected(self, corners: Array) -> Array:
+        """Corners, moved to where the tosses show some.
 
-        Shown corners and given ones are assigned to each other so that the distances add up to the least. Of a pair
-        that is far apart the given one is moved. A corner without a partner stays, unless it is outside.
+        Shown corners and given ones are assigned to each other so that the distances add up to the least, and of a pair
+        the given one is moved. A corner without a partner stays, unless some frame would put it well below the ground.
 
         Args:
             corners: (n, 3) in the body's frame [m].
-            every: Whether those with a partner close by are moved, too.
 
         Returns:
             Corners (n, 3); as they were where the tosses show none.
@@ -140,8 +139,7 @@ class ShapeEvidence:
             return corners.copy()
         distance = np.linalg.norm(corners[:, None] - shown[None], axis=-1)
         moved, (own, other) = corners.copy(), linear_sum_assignment(distance)
-        far = (distance[own, other] > _MISSING * self.radius) | every
-        moved[own[far]] = shown[other[far]]
+        moved[own] = shown[other]
         alone = self.outside(moved)
         moved[alone] = shown[distance[alone].argmin(axis=1)]
         return moved

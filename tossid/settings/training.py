@@ -12,12 +12,10 @@ from tossid.settings.kinds import (
     Bounds,
     Checked,
     Count,
-    Fraction,
     NonNegative,
     Positive,
     Seed,
     advanced,
-    advanced_part,
 )
 from tossid.settings.limits import Gravity
 from tossid.settings.objects import UnknownObjectSettings
@@ -126,37 +124,6 @@ shows the same."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class RolloutSettings(Checked):
-    """How open-loop prediction error is minimised (`tossid.training.rollouts`)."""
-
-    epochs: Count = 15
-    """most Gauss-Newton steps a stage"""
-    huber: Positive = 0.1
-    """error up to which the pseudo-Huber loss is quadratic [half widths, rad]"""
-    difference: Positive = 0.015
-    """step of the differences, in the parameters' own units of order one"""
-    chaotic_share: Fraction = 0.2
-    """share of the frames, those with the largest derivatives, that neither make a step nor judge it"""
-    least_gain: Positive = 2e-3
-    """relative gain of a step below which the stage ends"""
-    settling: Count = 6
-    """most averaged steps, with which the last stage of a rigid body goes on where learned contact yields"""
-    settled: Positive = 0.15
-    """averaged step below which that stage ends, in standard errors (rms over the parameters)"""
-    raced_tosses: Count = 60
-    """where there are twice as many tosses, starts of the contact law and of friction are first compared on so many of
-    them and then on more, and steps take differences to one side unless there are joints"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class RestartSettings(Checked):
-    """When corners are started again from other values (`tossid.training.restarts`)."""
-
-    corners: Annotated[int, Bounds(low=0)] = 3
-    """most times that corners which the tosses contradict are started again where the tosses show corners; 0: never"""
-
-
-@dataclass(frozen=True, kw_only=True)
 class TrainSettings(Checked):
     """Fit a model to a dataset."""
 
@@ -181,7 +148,7 @@ class TrainSettings(Checked):
     """transitions in one step of Adam"""
     threads: Count | None = advanced(None)
     """threads of rollouts, which share the tosses among them; none: one a core. The numbers do not depend on it"""
-    rollouts: RolloutSettings = advanced_part(RolloutSettings)
-    """how prediction error is minimised"""
-    restarts: RestartSettings = advanced_part(RestartSettings)
-    """when corners are started again from other values"""
+    rollout_epochs: Count = advanced(15)
+    """most steps of a stage that minimises the error of open-loop predictions"""
+    restart_corners: bool = advanced(True)
+    """start from the corners that tosses show where they contradict the given ones (`tossid.training.restarts`)"""

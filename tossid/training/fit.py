@@ -6,6 +6,7 @@ The model names its stages (`models.protocol.StagePlan`); for ContactNets these 
 2. "continuous": the learned acceleration, by the implicit loss on transitions that surely involve no contact. Learned
    together with contact, impulses at rest would stand in for missing gravity.
 3. "contact": geometry and friction, by the implicit loss on all transitions, and then "inertia": these and the inertia.
+   Corners that the tosses contradict start where these show corners.
 4. "rollout-N": friction (and contact law and inertia), by open-loop prediction until N frames after first contact,
    N growing: short predictions are smooth in the parameters from far away, long ones decide the last digits. Of objects
    with joints, over stretches of N frames from everywhere in a toss.
@@ -23,12 +24,12 @@ import copy
 import os
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from tossid.errors import DivergedError, ObjectError
 from tossid.models.protocol import DynamicsModel, Objective, StagePlan
@@ -41,17 +42,7 @@ from tossid.settings.training import TrainSettings
 from tossid.training.flights import FirstStates, FlightStage, first_states_of_flights
 from tossid.training.losses import LossStage, Stage
 from tossid.training.prediction import PredictionError
-from tossid.training.restarts import (
-    GAP_WIDTHS,
-    LARGEST_RISE,
-    TRAINING_END,
-    TRAINING_PATIENCE,
-    UNDETERMINED,
-    Restart,
-    Retry,
-    judging_frames,
-    with_shown_corners,
-)
+from tossid.training.restarts import UNDETERMINED, Restart, judging_frames, with_shown_corners
 from tossid.training.rollouts import RolloutStage, clearly_better
 from tossid.training.unknown import UnknownObject
 from tossid.types import Toss
@@ -77,7 +68,8 @@ class Fit:
         contact_geometry: The object that says which frames may involve contact: the model's, unless tosses contradict
             its corners.
         restarts: What was started again.
-        corner_history: Corners before training and after each stage that moved them, each (n_c, 3) as lists [m].
+        corner_history: Corners as given, where they started if that is elsewhere, and after each stage that moved them,
+            each (n_c, 3) as lists [m].
     """
 
     def __init__(
@@ -97,29 +89,28 @@ class Fit:
         self._tosses = (tuple(true(toss) for toss in train), tuple(true(toss) for toss in validation))
         self._n_threads = self.settings.threads or os.cpu_count() or 1
         self.evidence: ShapeEvidence | str = "a round shape is not held against the hull of its frames"
-        self._shown_corners: ShapeEvidence | str = self.evidence
-        if model.object.roundness is None:
-            known, rationed = None if unknown is None else unknown.shapes[0], self.settings.tosses is not None
-            self.evidence, self._shown_corners = judging_frames(*self._tosses, known, rationed=rationed)
         self.contact_geometry = model.object
-        if not isinstance(self._shown_corners, str) and self._contradicted(model.object.corner_pos):
-            self.contact_geometry = with_shown_corners(model.object, self._shown_corners)
-        self.transitions = tuple(make_transitions(self.contact_geometry, tosses) for tosses in self._tosses)
+        self.stages = model.stages()
         self.restarts: list[Restart] = []
         self.corner_history = [model.learned_object().corner_pos.tolist()]
-        self.stages = model.stages()
+        if model.object.roundness is None:
+            known, rationed = None if unknown is None else unknown.shapes[0], self.settings.tosses is not None
+            self.evidence, shown = judging_frames(*self._tosses, known, rationed=rationed)
+            contradicted = not isinstance(self.evidence, str) and self.evidence.contradiction(model.object.corner_pos)
+            if contradicted and not isinstance(shown, str):
+                self.contact_geometry = with_shown_corners(model.object, shown)
+                self._start_corners_again(shown)
+        self.transitions = tuple(make_transitions(self.contact_geometry, tosses) for tosses in self._tosses)
         self.stage = self.epoch = self.stale = 0
         self.best_loss, self.best = float("inf"), _state_of(model)
-        self._retry: Retry | None = None
         self._rival: tuple[list[float], list[float], dict[str, Any]] | None = None
         self._current: Stage | None = None
-        self._holds_inertia = False
         self._flights: FirstStates | None = None
 
     @property
     def most_epochs(self) -> int:
         """How many epochs there can be."""
-        rollouts, losses = self.settings.rollouts.epochs, self.settings.epochs
+        rollouts, losses = self.settings.rollout_epochs, self.settings.epochs
         return sum(rollouts if plan.objective is Objective.ROLLOUT else losses for plan in self.stages)
 
     @property
@@ -138,13 +129,12 @@ class Fit:
                 after it is attached.
         """
         while self.stage < len(self.stages):
-            plan = self._plan()
+            plan = self.stages[self.stage]
             if self._current is None:
                 self._begin(plan)
             stage, done = self._current, False
             assert stage is not None
-            patience = TRAINING_PATIENCE if self._retry and self._retry.follows_training else self.settings.patience
-            while not done and self.epoch < stage.epochs and self.stale < patience:
+            while not done and self.epoch < stage.epochs and self.stale < self.settings.patience:
                 record, done = self._step(stage)
                 if done:
                     self.epoch = stage.epochs
@@ -155,12 +145,11 @@ class Fit:
             corners = self._learned_by(plan).corner_pos.tolist()
             if corners != self.corner_history[-1]:
                 self.corner_history.append(corners)
-            self.stage += 0 if self._begin_another_pass(plan) else 1
+            self.stage += 1
             self.epoch, self.stale, self.best_loss, self._current = 0, 0, float("inf"), None
 
     def _begin(self, plan: StagePlan) -> None:
         """Make a stage and begin it: it starts from the model as it is now."""
-        self._holds_inertia = bool(plan.held) and self._learned_corners_contradicted(plan)
         self._current = stage = self._make(plan)
         stage.begin()
         if plan.judged:
@@ -177,28 +166,15 @@ class Fit:
             raise DivergedError(
                 f"the loss became {now.train_loss} in stage '{stage.name}', epoch {self.epoch}", state=before
             )
-        loss, least = now.validation_loss, LEAST_IMPROVEMENT
-        if self._retry is not None and self._retry.follows_training:
-            self._retry.loss = loss
-            loss, least = now.train_loss, TRAINING_END
         # steps of rollouts go to a root, about which losses, of validation tosses, too, are rough
-        better = isinstance(stage, RolloutStage) or loss < self.best_loss * (1 - least)
+        better = isinstance(stage, RolloutStage) or now.validation_loss < self.best_loss * (1 - LEAST_IMPROVEMENT)
         if better:
-            self.best_loss, self.best, self.stale = loss, _state_of(self.model), 0
+            self.best_loss, self.best, self.stale = now.validation_loss, _state_of(self.model), 0
         else:
             self.stale += 1
         self.epoch += 1
         losses = (now.train_loss, now.validation_loss)
         return EpochRecord(stage.name, self.epoch, *losses, now.parts, now.passes, seconds, better), now.done
-
-    def _plan(self) -> StagePlan:
-        """The present stage, with the gap's width of the present pass."""
-        plan, width = self.stages[self.stage], None
-        if self._retry is not None and self._retry.follows_training:
-            width = self._retry.gap_widths[0]
-        if plan.widen_gap is not None:
-            plan.widen_gap(width or 1.0)
-        return plan if width is None else replace(plan, name=f"{plan.name}-gap-{width:g}")
 
     # ------------------------------------------------------------------------------------------- stages by objective
 
@@ -206,26 +182,18 @@ class Fit:
         if plan.objective is Objective.ROLLOUT:
             settles = plan.horizon == self.stages[-1].horizon and self.model.object.n_joints == 0
             prediction = self._prediction(plan)
-            return RolloutStage(plan, prediction, self.settings.rollouts, settles=settles)
+            return RolloutStage(plan, prediction, self.settings.rollout_epochs, settles=settles)
         if plan.objective is Objective.FLIGHT:
             return FlightStage(plan, self.model, self._tosses, self.settings)
         train, validation = self.transitions
         if plan.objective is Objective.FLIGHT_LOSS:
             choose = Transitions.in_flight if self.contact_geometry is self.model.object else Transitions.free
             train, validation = choose(train), choose(validation)
-        if self._holds_inertia:
-            learned = [p for p in plan.parameters if all(p is not held for held in plan.held)]
-            plan = replace(plan, parameters=learned)
         return LossStage(plan, self.model, train, validation, self.settings)
 
     def _prediction(self, plan: StagePlan) -> PredictionError:
-        return PredictionError(
-            self.model,
-            plan.parameters,
-            lambda: self._shots(plan.horizon),
-            self.settings.rollouts,
-            n_threads=self._n_threads,
-        )
+        shots = partial(self._shots, plan.horizon)
+        return PredictionError(self.model, plan.parameters, shots, n_threads=self._n_threads)
 
     def longest_prediction(self) -> PredictionError | None:
         """The error of the last stage at the model's present parameters, if it is one of rollouts; None otherwise."""
@@ -251,66 +219,23 @@ class Fit:
         )
         return train, validation
 
-    # ------------------------------------------------------------------- what is started again, undone or gone through
+    # --------------------------------------------------------------------------------- what is started again, or undone
 
-    def _contradicted(self, corners: NDArray[np.float64]) -> bool:
-        return not isinstance(self.evidence, str) and self.evidence.contradiction(corners) is not None
+    def _start_corners_again(self, shown: ShapeEvidence) -> None:
+        """Move corners that a stage learns, and that the tosses contradict, to where these show corners.
 
-    def _learned_corners_contradicted(self, plan: StagePlan) -> bool:
-        return plan.corners is not None and self._contradicted(plan.corners().detach().numpy())
-
-    def _begin_another_pass(self, plan: StagePlan) -> bool:
-        """Prepare another pass through a stage that has ended; False if there is none.
-
-        A pass with contradicted corners started again counts if its validation loss is lower than that of the pass
-        before. Once no corner is contradicted any more, all are followed to an end that does not depend on the start.
+        A corner inside the body never touches alone, so that the implicit loss has no gradient for it. The corners that
+        are right are moved, too: the end then does not depend on where training was to start.
         """
-        retry, self._retry = self._retry, None
-        if retry is None:
-            return self._restart_corners(plan) or self._follow_all_corners(plan)
-        if len(retry.gap_widths) > 1:
-            self._retry = replace(retry, gap_widths=retry.gap_widths[1:])
-            return True
-        loss = retry.loss if retry.follows_training else self.best_loss
-        undone = loss >= retry.most_loss
-        if undone:
-            self.model.load_state_dict(retry.before)
-            self.restarts[-1] = replace(self.restarts[-1], kept=False)
-        if retry.follows_training:
-            return False
-        return (not undone and self._restart_corners(plan)) or self._follow_all_corners(plan)
-
-    def _restart_corners(self, plan: StagePlan) -> bool:
-        """Move corners that the tosses contradict to where these show corners; False where none moves."""
-        tried = sum(restart.what == "corners" for restart in self.restarts)
-        if tried >= self.settings.restarts.corners or not self._learned_corners_contradicted(plan):
-            return False
-        return self._move_corners(plan, Retry([], _state_of(self.model), self.best_loss), every=False)
-
-    def _follow_all_corners(self, plan: StagePlan) -> bool:
-        """Move all corners to where the tosses show them, if some were; False where none moves.
-
-        With the narrow gap alone the loss has minima a millimetre apart, and validation tosses end the stage on the way
-        to one of them. So the loss narrows pass by pass.
-        """
-        moved_some = any(restart.what == "corners" and restart.kept for restart in self.restarts)
-        if not moved_some or plan.widen_gap is None:
-            return False
-        retry = Retry(list(GAP_WIDTHS), _state_of(self.model), LARGEST_RISE * self.best_loss)
-        return self._move_corners(plan, retry, every=True)
-
-    def _move_corners(self, plan: StagePlan, retry: Retry, *, every: bool) -> bool:
-        if isinstance(self._shown_corners, str) or plan.corners is None:
-            return False
+        plan = next((plan for plan in self.stages if plan.corners is not None), None)
+        if plan is None or plan.corners is None or not self.settings.restart_corners:
+            return
         now = plan.corners().detach().numpy().copy()
-        corners = self._shown_corners.corrected(now, every=every)
-        count = int((corners != now).any(axis=1).sum())
-        if count == 0:
-            return False
-        self._retry = retry
-        self.restarts.append(Restart(plan.name, "all corners" if every else "corners", count, kept=True))
-        plan.corners.move(corners)
-        return True
+        corners = shown.corrected(now)
+        if moved := int((corners != now).any(axis=1).sum()):
+            plan.corners.move(corners)
+            self.restarts.append(Restart(plan.name, "corners", moved, kept=True))
+            self.corner_history.append(self.model.learned_object().corner_pos.tolist())
 
     def _compare_with_rival(self, plan: StagePlan, prediction: PredictionError) -> None:
         """Note what a rival leaves; after the last stage, return to it unless the model is clearly better."""
@@ -346,7 +271,6 @@ class Fit:
         return {
             **{name: getattr(self, name) for name in _STATE},
             "restarts": [asdict(restart) for restart in self.restarts],
-            "retry": None if self._retry is None else vars(self._retry),
             "model": _state_of(self.model),
             "current": None if self._current is None else self._current.state_dict(),
         }
@@ -361,14 +285,13 @@ class Fit:
             setattr(self, name, state[name])
         self.model.load_state_dict(state["model"])
         self.restarts = [Restart(**restart) for restart in state["restarts"]]
-        self._retry = None if state["retry"] is None else Retry(**state["retry"])
         self._current = None
         if state["current"] is not None and self.stage < len(self.stages):
-            self._current = self._make(self._plan())
+            self._current = self._make(self.stages[self.stage])
             self._current.load_state_dict(state["current"])
 
 
-_STATE = ("stage", "epoch", "stale", "best_loss", "best", "corner_history", "_rival", "_holds_inertia")
+_STATE = ("stage", "epoch", "stale", "best_loss", "best", "corner_history", "_rival")
 """Of a fit, what is plain already."""
 
 

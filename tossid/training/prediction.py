@@ -20,10 +20,18 @@ from tossid.models.predictor import Predictor, Simulator
 from tossid.models.protocol import DynamicsModel
 from tossid.models.shots import Shots, prediction_errors
 from tossid.parallel import in_threads
-from tossid.settings.training import RolloutSettings
 
 Array = NDArray[np.float64]
 
+HUBER = 0.1
+"""Error up to which the pseudo-Huber loss is quadratic [half widths, rad]."""
+DIFFERENCE = 0.015
+"""Step of the differences, in the parameters' own units of order one."""
+CHAOTIC_SHARE = 0.2
+"""Share of the frames, those with the largest derivatives, that neither make a step nor judge it."""
+RACED_TOSSES = 60
+"""Where there are twice as many tosses, starts of the contact law and of friction are first compared on so many of them
+and then on more, and steps take differences to one side unless there are joints."""
 DIVERGED = 1e6
 """Squared error of a frame whose prediction is not finite."""
 RACE_MARGIN = 2.0
@@ -49,7 +57,7 @@ class GaussNewton(NamedTuple):
 class PredictionError:
     """The pseudo-Huber error of open-loop rollouts.
 
-        loss = mean over frames of d² (sqrt(1 + |error|² / d²) - 1),   d = settings.huber
+        loss = mean over frames of d² (sqrt(1 + |error|² / d²) - 1),   d = `HUBER`
 
     `models.shots.prediction_errors` has the error. After contact, predictions grow chaotic: frames whose derivatives
     are among the largest do not count in Gauss-Newton's sums. With them the loss is rough, and steps end at the nearest
@@ -59,7 +67,6 @@ class PredictionError:
         model: Its parameters are changed in place.
         parameters: That the error is a function of.
         make_shots: Training and validation shots for the model as it is.
-        settings: Loss and differences.
         n_threads: For rollouts.
 
     Attributes:
@@ -74,14 +81,13 @@ class PredictionError:
         model: DynamicsModel,
         parameters: Sequence[nn.Parameter],
         make_shots: Callable[[], tuple[Shots, Shots]],
-        settings: RolloutSettings,
         *,
         n_threads: int = 1,
     ) -> None:
         self._model, self._parameters, self._make_shots = model, parameters, make_shots
-        self._settings, self._n_threads, self._relaxed = settings, n_threads, False
+        self._n_threads, self._relaxed = n_threads, False
         self.train, self.validation = make_shots()
-        self._shares = self.train.in_shares(settings.raced_tosses)
+        self._shares = self.train.in_shares(RACED_TOSSES)
         self.central = len(self._shares) == 1 or model.object.n_joints > 0
 
     def renew_shots(self) -> None:
@@ -165,8 +171,7 @@ class PredictionError:
         Args:
             errors: Of the training shots, where they are known.
         """
-        settings, x, shots = self._settings, self.parameters(), self.train
-        central, by = self.central, settings.difference
+        x, shots, central, by = self.parameters(), self.train, self.central, DIFFERENCE
         errors = self.errors(shots) if errors is None else errors
         J, odd = np.empty((*errors.shape, len(x))), shots.toss % 2 == 1
         every = np.full(len(odd), True)
@@ -184,9 +189,9 @@ class PredictionError:
                 J[which, :T, :, j] = (moved - errors[which, :T]) / (sign * by)
                 J[which, T:, :, j] = 0.0
         size = np.einsum("slip,slip->sl", J, J)
-        calm = shots.inside & (size <= np.quantile(size[shots.inside], 1 - settings.chaotic_share))
+        calm = shots.inside & (size <= np.quantile(size[shots.inside], 1 - CHAOTIC_SHARE))
         # the pseudo-Huber loss's weight of a frame, 1 / sqrt(1 + |e|²/d²)
-        weight = calm / np.sqrt(1 + (errors**2).sum(-1) / settings.huber**2) / shots.inside.sum()
+        weight = calm / np.sqrt(1 + (errors**2).sum(-1) / HUBER**2) / shots.inside.sum()
         rows, w = J.reshape(len(J), -1, len(x)), np.repeat(weight, errors.shape[-1], axis=1)[..., None]
         n = int(shots.toss.max()) + 1
         H, g = np.zeros((n, len(x), len(x))), np.zeros((n, len(x)))
@@ -219,10 +224,9 @@ class PredictionError:
         return np.asarray(np.bincount(np.unique(shots.toss, return_inverse=True)[1], weights=sums), dtype=float)
 
     def _loss_by_frame(self, errors: Array, counted: NDArray[np.bool_] | None = None) -> Array:
-        d = self._settings.huber
         size = np.where(np.isfinite(errors).all(-1), (errors**2).sum(-1), DIVERGED)
         size = size if counted is None else np.where(counted, size, 0.0)
-        return np.asarray(d**2 * (np.sqrt(1 + size / d**2) - 1))
+        return np.asarray(HUBER**2 * (np.sqrt(1 + size / HUBER**2) - 1))
 
 
 def is_worse(behind: Array) -> bool:

@@ -152,7 +152,7 @@ def _unfinished(history: Sequence[EpochRecord], settings: TrainSettings) -> list
     found = []
     for stage, group in groupby(history, key=lambda record: record.stage):
         records = list(group)
-        most = settings.rollouts.epochs if stage.startswith("rollout") else settings.epochs
+        most = settings.rollout_epochs if stage.startswith("rollout") else settings.epochs
         losses = [record.validation_loss for record in records]
         earlier = min(losses[: -settings.patience], default=losses[0])
         if records[-1].epoch >= most and min(losses) < earlier * (1 - STILL_FALLING):

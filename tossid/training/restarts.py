@@ -2,14 +2,13 @@
 
 The implicit loss moves a corner that touches the ground. One that never touches has no gradient: it stays inside the
 body, or on a corner that another one already explains. Frames show this (`tossid.objects.shape_evidence`), and their
-hull says where a corner is missing. What is started again is kept only if it ends with a lower validation loss.
+hull says where a corner is missing. Where they contradict stated corners, training starts from those of the hull.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -21,14 +20,6 @@ from tossid.types import Toss
 
 UNDETERMINED = "inertia and contact law"
 """What is not kept where validation tosses are not predicted clearly better than with friction alone."""
-GAP_WIDTHS = (4.0, 2.0, 1.0)
-"""Multiples of the model's gap_scale with which the contact stage is gone through once corners were started again, each
-to the end of its training loss: with the narrow gap alone the loss has minima 1 to 2 mm apart."""
-TRAINING_END, TRAINING_PATIENCE = 1e-7, 2
-"""Relative decrease of the training loss from one epoch to the next, below which such a pass ends, after so many
-epochs."""
-LARGEST_RISE = 1.1
-"""Ratio of the validation loss after these passes to the one before up to which they count."""
 
 
 @dataclass(frozen=True)
@@ -36,40 +27,16 @@ class Restart:
     """A parameter that was started again.
 
     Attributes:
-        stage: In which stage of training.
-        what: "corners", "all corners" (which are then followed to an end that does not depend on the start),
-            "friction", or `UNDETERMINED`, which was learned and is not kept.
+        stage: For which stage of training.
+        what: "corners", "friction", or `UNDETERMINED`, which was learned and is not kept.
         moved: How many numbers were moved: corners, or all that a stage learns.
-        kept: Whether the validation loss then ended lower than before (for all corners: not much higher); if not, what
-            was before was restored.
+        kept: Whether it was kept; if not, what was before was restored.
     """
 
     stage: str
     what: str
     moved: int
     kept: bool
-
-
-@dataclass
-class Retry:
-    """Further passes of a stage, after its corners were moved, and what is restored if they end no better.
-
-    Attributes:
-        gap_widths: Of the present pass and those to come, relative to the model's own; empty for one pass as usual.
-        before: The model before them.
-        most_loss: Validation loss that they must end below.
-        loss: Validation loss at the end of the present pass.
-    """
-
-    gap_widths: list[float]
-    before: dict[str, Any]
-    most_loss: float
-    loss: float = float("inf")
-
-    @property
-    def follows_training(self) -> bool:
-        """Whether a pass goes to the end of its training loss, in place of its validation loss."""
-        return bool(self.gap_widths)
 
 
 def evidence_of(tosses: Sequence[Toss], *, shape: ConvexShape | None = None) -> ShapeEvidence | str:

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from tossid.least_squares import Damping, damped_step, search_damping
 from tossid.models.protocol import StagePlan
-from tossid.settings.training import RolloutSettings
 from tossid.training.losses import Pass
 from tossid.training.prediction import GaussNewton, PredictionError, is_worse
 
@@ -30,8 +29,12 @@ LARGEST_STEP = 0.3
 """Largest change of a parameter in one step, in its own unit of order one."""
 LEAST_ERROR = 1e-4
 """Standard error of a parameter, in its own unit, below which no step needs to be shorter."""
-SETTLING_MANY = 4
-"""Most averaged steps of many tosses, whose differences go to one side: what is left open is less."""
+LEAST_GAIN = 2e-3
+"""Relative gain of a step below which the stage ends."""
+SETTLING, SETTLING_MANY = 6, 4
+"""Most averaged steps; fewer of many tosses, whose differences go to one side: what is left open is less."""
+SETTLED = 0.15
+"""Averaged step below which the stage ends, in standard errors (rms over the parameters)."""
 FRICTIONS = (0.05, 0.15, 0.4, 1.0)
 """Values of friction that are compared with the present one: near zero and far above the slope of flight paths,
 rollouts no longer depend on it."""
@@ -73,19 +76,17 @@ class RolloutStage:
     Args:
         plan: What is learned.
         prediction: The error as a function of it.
-        settings: Steps and their ends.
+        epochs: Most steps.
         settles: Whether to go on by averaged steps, where contact yields.
 
     Attributes:
         friction_restarted: Whether another friction was clearly better when the stage began.
     """
 
-    def __init__(
-        self, plan: StagePlan, prediction: PredictionError, settings: RolloutSettings, *, settles: bool = False
-    ) -> None:
-        self.name, self.epochs = plan.name, settings.epochs
+    def __init__(self, plan: StagePlan, prediction: PredictionError, epochs: int, *, settles: bool = False) -> None:
+        self.name, self.epochs = plan.name, epochs
         self.prediction = prediction
-        self._plan, self._settings, self._settles = plan, settings, settles
+        self._plan, self._settles = plan, settles
         self._damping = FIRST_DAMPING
         self._averaged: AveragedQuadratics | None = None
         self.friction_restarted = False
@@ -160,7 +161,7 @@ class RolloutStage:
             return prediction.loss(errors, prediction.train), trials, True
         self._damping = max(SCHEDULE.accepted(damping), LEAST_DAMPING)
         gain = before - prediction.loss(after, prediction.train, sums.calm)
-        return prediction.loss(after, prediction.train), trials, gain < self._settings.least_gain * before
+        return prediction.loss(after, prediction.train), trials, gain < LEAST_GAIN * before
 
     def _settle(self, sums: GaussNewton) -> tuple[float, int, bool]:
         """To the minimum of the sum of the quadratics so far, the k-th of which counts k times.
@@ -168,15 +169,15 @@ class RolloutStage:
         Returns:
             As of `_damped`; done where the step is short beside what the tosses leave open.
         """
-        settings, averaged, H = self._settings, self._averaged, sums.H.sum(0)
+        averaged, H = self._averaged, sums.H.sum(0)
         assert averaged is not None
         averaged = self._averaged = averaged.with_quadratic(H, H @ sums.x - sums.g.sum(0))
         ridge = 1e-6 * np.trace(averaged.H) / len(H) * np.eye(len(H))
         step = np.linalg.solve(averaged.H + ridge, averaged.b - averaged.H @ sums.x)
         self.prediction.set_parameters(sums.x + np.clip(step, -LARGEST_STEP, LARGEST_STEP))
         standard_errors = np.linalg.norm(sums.g @ np.linalg.inv(H + ridge), axis=0)  # the toss is the unit
-        short = np.sqrt(np.mean((step / np.maximum(standard_errors, LEAST_ERROR)) ** 2)) < settings.settled
-        most = settings.settling if self.prediction.central else min(settings.settling, SETTLING_MANY)
+        short = np.sqrt(np.mean((step / np.maximum(standard_errors, LEAST_ERROR)) ** 2)) < SETTLED
+        most = SETTLING if self.prediction.central else SETTLING_MANY
         return self.prediction.training_loss(), 1, bool(short) or averaged.count >= most
 
     def state_dict(self) -> dict[str, Any]:

@@ -88,8 +88,7 @@ def test_a_study(beside: Path, answer: Any, counted: list[str]) -> None:
     assert {run.info.status for run in nested} == {"FINISHED"}
     restarts = cell["parameters"]["convergence"]["restarts"]
     assert all(set(each) == {"stage", "what", "moved", "kept"} for each in restarts)
-    steps = 2 * (1 + sum(each["stage"] == "contact" for each in restarts))
-    assert [step for step, _ in metric_history(cell["run"], "contact/train")] == list(range(1, steps + 1))
+    assert [step for step, _ in metric_history(cell["run"], "contact/train")] == [1, 2]
     assert find_run().id == trained["run"]  # cells are not taken for the newest training
     assert answer("evaluate", f"run={cell['run']}")["position_error_pct"] == cell["position_error_pct"]
 
