@@ -102,11 +102,9 @@ def test_a_kernel_is_compiled_anew_where_code_that_it_is_made_of_is_edited(copy:
     # an implementation for an argument's type, which stands in no import of the kernel's module
     copy.edit("tossid/_factor.py", r"2\.0", "3.0")
     assert copy.python(CALL) == "18.0 0"
-    assert copy.python(CALL) == "18.0 1"
     # edited while a process runs, which keeps what it has read
     assert copy.python(EDIT_AND_CALL) == "18.0 1"
     assert copy.python(CALL) == "24.0 0"
-    assert copy.python(CALL) == "24.0 1"
     # a type of the user's own, which other processes cannot unpickle
     assert copy.python(CALL_WITH_OWN_TYPE) == copy.python(CALL_WITH_OWN_TYPE) == "24.0 0"
 

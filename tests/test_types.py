@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from tossid.errors import MotionError, ObjectError
-from tossid.objects import ObjectModel
+from tossid.errors import MotionError
 from tossid.types import OnDemand, PoseTrack, Toss, check_motion, frame_time
 
 N = 5
@@ -60,25 +56,6 @@ def test_a_bad_row_is_named(name: str, index: tuple[int, ...], value: float, row
     with pytest.raises(MotionError, match=says) as caught:
         Toss(name="a", **spoil(name, index, value))
     assert row is None or caught.value.row == row
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"friction": -0.1},
-        {"friction": np.nan},
-        {"friction": 1e300},
-        {"restitution": 50.0},
-        {"mass": np.array([np.inf])},
-        {"mass": np.array([-1.0])},
-        {"com": np.full((1, 3), np.nan)},
-        {"width": np.inf},
-    ],
-)
-def test_an_object_that_nothing_has_is_refused(cube: ObjectModel, changes: dict[str, Any]) -> None:
-    (name,) = changes
-    with pytest.raises(ObjectError, match=name):
-        replace(cube, **changes)
 
 
 @pytest.mark.parametrize("name", ["t", "q", "v", "q_cov", "v_cov", "phase"])

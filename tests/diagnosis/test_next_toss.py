@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.diagnosis.by_hand import EFFECTS, hypothesis
+from tests.diagnosis.tossed import seen
 from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.likelihood.step_changes import State
 from tossid.diagnosis.likelihood.windows import make_windows
@@ -13,27 +14,14 @@ from tossid.diagnosis.next_toss import draw_releases, next_toss, separations
 from tossid.motion import lowest_corner
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World
-from tossid.types import Phase, Toss
+from tossid.types import Toss
 
 FRAMES = 41
 
 
 @pytest.fixture(scope="module")
 def tosses(cube: ObjectModel) -> list[Toss]:
-    """Eight tosses without spin, seen exactly as the noise says."""
-    rng = np.random.default_rng(1)
-    n = 8
-    q0, v0 = np.zeros((n, 7)), np.zeros((n, 6))
-    q0[:, 3:] = rng.normal(size=(n, 4))
-    q0[:, 3:] /= np.linalg.norm(q0[:, 3:], axis=1, keepdims=True)
-    q0[:, 2] = rng.uniform(0.2, 0.3, n)
-    v0[:, :2] = rng.normal(size=(n, 2)) * 0.6
-    v0[:, 3:] = rng.normal(size=(n, 3)) * 3
-    run = World(cube).roll_out(q0, v0, n_steps=np.full(n, FRAMES - 1), dt=1 / 148, substeps=4)
-    cov = np.broadcast_to(np.diag([1.5e-4**2] * 3 + [1.5e-3**2] * 3), (FRAMES, 6, 6)).copy()
-    phase = np.full(FRAMES, int(Phase.UNKNOWN), dtype=np.uint8)
-    v = np.repeat(v0[:, None], FRAMES, axis=1)
-    return [Toss(str(i), np.arange(FRAMES) / 148, run[i], v[i], cov, cov, phase) for i in range(n)]
+    return seen(World(cube), cube, 8, seed=1, frames=FRAMES - 1)
 
 
 def sample_of(tosses: list[Toss], cube: ObjectModel) -> Sample:
@@ -42,8 +30,8 @@ def sample_of(tosses: list[Toss], cube: ObjectModel) -> Sample:
 
 def test_releases_are_feasible(cube: ObjectModel, tosses: list[Toss]) -> None:
     drawn = draw_releases(tosses, cube, 300, rng=np.random.default_rng(0))
-    seen = np.stack([toss.q[0] for toss in tosses])
-    low, high = lowest_corner(cube, seen).min(), lowest_corner(cube, seen).max()
+    first = lowest_corner(cube, np.stack([toss.q[0] for toss in tosses]))
+    low, high = first.min(), first.max()
     heights = lowest_corner(cube, drawn.q)
     room = 0.25 * (high - low) + 1e-9
     assert heights.min() >= max(low - room, 0.02) - 1e-9

@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.models.made import DT
+from tests.models.made import flights as made_flights
 from tossid.evaluation.accelerations import accelerations_over_toss
 from tossid.evaluation.metrics import score_tosses, score_windows, wrapped
 from tossid.models.implicit import LossWeights
@@ -14,28 +16,16 @@ from tossid.models.predictor import Simulator
 from tossid.objects import ObjectModel
 from tossid.physics import System, make_system, no_learned_acceleration, simulate
 from tossid.rotations import quat_normalize
-from tossid.settings.training import ModelSettings
 from tossid.types import Phase, Toss
-
-DT = 1 / 148
 
 
 @pytest.fixture(scope="module")
 def flights(elbow: ObjectModel) -> list[Toss]:
-    """Flights by the simulator that will predict them."""
-    rng = np.random.default_rng(0)
-    q = np.concatenate([np.tile([0, 0, 5.0], (3, 1)), rng.normal(size=(3, 4)), rng.normal(size=(3, 1))], axis=1)
-    q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
-    steps = ModelSettings.substeps
-    run = simulate(
-        make_system(elbow), q, rng.normal(size=(3, 7)) * 3, n_steps=40, dt=DT, substeps=steps, impact_parts=8
-    )
-    cov, phase = np.tile(1e-9 * np.eye(7), (41, 1, 1)), np.zeros(41, dtype=np.uint8)
-    return [Toss(str(i), np.arange(41) * DT, run.q[i], run.v[i], cov, cov, phase) for i in range(3)]
+    return made_flights(elbow, 3)
 
 
 def test_the_truth_has_no_error_and_whole_turns_do_not_count(elbow: ObjectModel, flights: list[Toss]) -> None:
-    predictor = Simulator(make_system(elbow))
+    predictor = Simulator(make_system(elbow), substeps=16, impact_parts=1)
     turned = [replace(toss, q=toss.q + 2 * np.pi * np.eye(8)[7]) for toss in flights]
     for tosses in (flights, turned):
         scores = score_tosses(predictor, elbow, tosses)
@@ -44,8 +34,10 @@ def test_the_truth_has_no_error_and_whole_turns_do_not_count(elbow: ObjectModel,
 
 
 def test_missing_frames_are_rolled_out_and_not_compared(elbow: ObjectModel, flights: list[Toss]) -> None:
-    there = np.setdiff1d(np.arange(41), [3, 10, 11, 30])
-    scores = score_tosses(Simulator(make_system(elbow)), elbow, [toss.frames(there) for toss in flights])
+    there = np.setdiff1d(np.arange(31), [3, 10, 11, 29])
+    scores = score_tosses(
+        Simulator(make_system(elbow), substeps=16, impact_parts=1), elbow, [toss.frames(there) for toss in flights]
+    )
     np.testing.assert_allclose(scores.position_error_pct, 0, atol=1e-4)
     np.testing.assert_allclose(scores.link_error_deg, 0, atol=1e-4)
 
@@ -101,13 +93,12 @@ def own_toss(system: System, model: ObjectModel, *, frames: int) -> tuple[Toss, 
     q0, v0 = np.zeros((1, model.nq)), np.zeros((1, model.nv))
     q0[0, 2:7] = 0.2, *quat_normalize([0.9, 0.1, 0.3, 0.3])
     v0[0, :6] = 0.8, 0.1, 0.3, 2.0, -3.0, 1.0
-    dt = 1 / 148
-    run = simulate(system, q0, v0, n_steps=frames, dt=dt)
+    run = simulate(system, q0, v0, n_steps=frames, dt=DT)
     pushes = run.lam_n[0].sum(axis=1)
     phase = np.where(np.concatenate([[0.0], pushes]) > 0, Phase.SLIDE, Phase.FLIGHT).astype(np.uint8)
     cov = np.tile(1e-6 * np.eye(model.nv), (frames + 1, 1, 1))
-    toss = Toss("own", dt * np.arange(frames + 1), run.q[0], run.v[0], cov, cov, phase)
-    return toss, pushes / (model.mass.sum() * dt)
+    toss = Toss("own", DT * np.arange(frames + 1), run.q[0], run.v[0], cov, cov, phase)
+    return toss, pushes / (model.mass.sum() * DT)
 
 
 @pytest.mark.parametrize("name", ["cube", "elbow"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -75,12 +76,20 @@ def with_joints(model: ObjectModel, part: str, values: object) -> ObjectModel:
     ("call", "says"),
     [
         *(
-            (lambda _, name=name, x=x: load_object("cube").with_changes(**{name: x}), name)
+            (lambda cube, name=name, x=x: cube.with_changes(**{name: x}), name)
             for name in ("compliance", "relaxation", "cohesion")
             for x in (-1e-9, float("nan"), float("inf"))
         ),
         *(
-            (lambda elbow, part=part, values=values: with_joints(elbow, part, values), part)
+            (lambda cube, name=name, x=x: replace(cube, **{name: x}), name)
+            for name, x in (
+                *(("friction", x) for x in (-0.1, np.nan, 1e300)),
+                *(("mass", np.array([x])) for x in (np.inf, -1.0)),
+                *(("restitution", 50.0), ("width", np.inf), ("com", np.full((1, 3), np.nan))),
+            )
+        ),
+        *(
+            (lambda _, part=part, values=values: with_joints(load_object("elbow"), part, values), part)
             for part in ("damping", "friction", "stiffness", "armature")
             for values in ([0.0, -1.0], [0.0, float("nan")], [0.0] * 3)
         ),
@@ -89,11 +98,9 @@ def with_joints(model: ObjectModel, part: str, values: object) -> ObjectModel:
         (lambda _: need_stated(unstated_object(), "a diagnosis"), "a diagnosis needs a stated object"),
     ],
 )
-def test_values_that_cannot_be_are_refused(
-    elbow: ObjectModel, call: Callable[[ObjectModel], object], says: str
-) -> None:
+def test_values_that_cannot_be_are_refused(cube: ObjectModel, call: Callable[[ObjectModel], object], says: str) -> None:
     with pytest.raises((ObjectError, ConfigError, InputError), match=says):
-        call(elbow)
+        call(cube)
 
 
 # ---------------------------------------------------------------- MJCF and URDF

@@ -17,6 +17,7 @@ import pytest
 from pipelines.config.schemas import DaskLauncher, ProcessesLauncher, SlurmLauncher
 from pipelines.execution.workers import _with_code, open_workers
 from pipelines.tracking.runs import find_runs
+from tests.conftest import ROOT
 from tests.pipelines.disturbed import hooked
 from tests.pipelines.processes import cluster, wait_for
 from tests.pipelines.test_durability import PORTS, outside
@@ -110,7 +111,7 @@ def slurm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     command(tmp_path / "sbatch", FAKE_SBATCH)
     command(tmp_path / "scancel", '#!/bin/sh\nkill -- "-$1" 2>/dev/null || kill "$1"\n')
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[3]))  # what the job is to do stands in this file
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))  # what the job is to do stands in this file
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -204,28 +205,29 @@ def test_a_worker_that_is_killed_is_replaced_by_the_others(beside: Path, answer:
     assert numbers(report) == numbers(here)
 
 
-def imports_and_threads(module: str) -> tuple[bool, str]:
+FORKED = """
+import os, signal, sys
+from pipelines.config.schemas import ProcessesLauncher
+from pipelines.execution.workers import import_for_workers, open_workers
+def imported_and_threads(module):
     return module in sys.modules, os.environ["OMP_NUM_THREADS"]
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, lambda *_: print("Ctrl-C", flush=True))
+    here = ProcessesLauncher("processes")
+    import_for_workers(here, "colorsys")
+    os.killpg(0, signal.SIGINT)
+    with open_workers(here, 1) as there:
+        print(there.submit(imported_and_threads, "colorsys").result())
+"""
 
 
 def test_workers_are_forked_from_a_process_that_has_imported_what_they_need(tmp_path: Path) -> None:
     """In a process of its own, of which such a process is begun once; Ctrl-C meanwhile is the command's alone."""
-    script = tmp_path / "forked.py"
-    script.write_text(
-        "import os, signal, time\n"
-        "from pipelines.execution.workers import import_for_workers, open_workers\n"
-        "from tests.pipelines.execution.test_workers import HERE, imports_and_threads\n"
-        "if __name__ == '__main__':\n"
-        "    signal.signal(signal.SIGINT, lambda *_: print('Ctrl-C', flush=True))\n"
-        "    import_for_workers(HERE, 'colorsys', 'torch')\n"
-        "    os.killpg(0, signal.SIGINT)\n"
-        "    with open_workers(HERE, 1) as there:\n"
-        "        print(there.submit(imports_and_threads, 'colorsys').result())\n"
-    )
-    root = Path(__file__).resolve().parents[3]
-    environment = {**os.environ, "PYTHONPATH": str(root), "OMP_NUM_THREADS": "7"}
+    (tmp_path / "forked.py").write_text(FORKED)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "7"}
     done = subprocess.run(
-        [sys.executable, str(script)], env=environment, capture_output=True, text=True, start_new_session=True
-    )
-    assert done.stdout.splitlines() == ["Ctrl-C", "(True, '1')"]
+        [sys.executable, "forked.py"],
+        cwd=tmp_path, env=environment, capture_output=True, text=True, start_new_session=True,
+    )  # fmt: skip
+    assert done.stdout.splitlines() == ["Ctrl-C", "(True, '1')"], done.stderr
     assert done.stderr == ""
