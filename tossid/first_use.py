@@ -2,28 +2,38 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
+import inspect
+import pkgutil
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 
-def imported_at_first_use(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
-    """The `__getattr__` of a package whose names are imported when they are first used.
+def imported_at_first_use(package: str) -> tuple[list[str], Callable[[str], Any], Callable[[], list[str]]]:
+    """The public names of a package, its `__getattr__` and its `__dir__`.
 
     Args:
-        package: The package's `__name__`.
-        homes: Its names, and the module that defines each.
+        package: The package's `__name__`. Its source imports its public names under `if TYPE_CHECKING:`, where type
+            checkers find them, and this function too.
 
     Returns:
-        A function from a name to its value; it raises AttributeError for names that the package does not have.
+        The names (`__all__`); a function from a name, or that of a module in the package, to what it stands for, which
+        raises AttributeError for others; and one that lists all of them.
     """
+    module = sys.modules[package]
+    parts = [part for part in ast.parse(inspect.getsource(module)).body if isinstance(part, ast.If)]
+    imports = [line for part in parts for line in part.body if isinstance(line, ast.ImportFrom)]
+    homes = {name.name: str(line.module) for line in imports for name in line.names}
+    inside = {found.name for found in pkgutil.iter_modules(module.__path__)}
 
     def get(name: str) -> Any:
-        if name not in homes:
-            raise AttributeError(f"module '{package}' has no attribute {name!r}")
-        value = getattr(importlib.import_module(homes[name]), name)
-        vars(sys.modules[package])[name] = value
-        return value
+        if name in homes:
+            vars(module)[name] = getattr(importlib.import_module(homes[name]), name)
+            return vars(module)[name]
+        if name in inside:
+            return importlib.import_module(f"{package}.{name}")
+        raise AttributeError(f"module '{package}' has no attribute {name!r}")
 
-    return get
+    return [*homes], get, lambda: sorted({*vars(module), *homes, *inside})

@@ -11,34 +11,9 @@ from typing import TYPE_CHECKING
 from tossid.first_use import imported_at_first_use
 
 if TYPE_CHECKING:
-    from tossid.models.protocol import DynamicsModel as DynamicsModel
-    from tossid.models.protocol import Mechanics as Mechanics
-    from tossid.models.protocol import Objective as Objective
-    from tossid.models.protocol import StagePlan as StagePlan
-    from tossid.models.registry import build_model as build_model
-    from tossid.models.registry import register_model as register_model
-    from tossid.models.registry import variant as variant
-    from tossid.models.trained import EpochRecord as EpochRecord
-    from tossid.models.trained import TrainedModel as TrainedModel
-    from tossid.settings.training import VARIANTS as VARIANTS
-    from tossid.settings.training import ModelSettings as ModelSettings
-
-_HOMES = {
-    "VARIANTS": "tossid.settings.training",
-    "DynamicsModel": "tossid.models.protocol",
-    "EpochRecord": "tossid.models.trained",
-    "Mechanics": "tossid.models.protocol",
-    "ModelSettings": "tossid.settings.training",
-    "Objective": "tossid.models.protocol",
-    "StagePlan": "tossid.models.protocol",
-    "TrainedModel": "tossid.models.trained",
-    "build_model": "tossid.models.registry",
-    "register_model": "tossid.models.registry",
-    "variant": "tossid.models.registry",
-}
-"""The names of this room, and the module that defines each."""
-
-__all__ = [*_HOMES]
-
-if not TYPE_CHECKING:
-    __getattr__ = imported_at_first_use(__name__, _HOMES)
+    from tossid.models.protocol import DynamicsModel, Mechanics, Objective, StagePlan
+    from tossid.models.registry import build_model, register_model, variant
+    from tossid.models.trained import EpochRecord, TrainedModel
+    from tossid.settings.training import VARIANTS, ModelSettings
+else:
+    __all__, __getattr__, __dir__ = imported_at_first_use(__name__)
