@@ -181,7 +181,9 @@ def test_what_an_older_file_lacks_is_the_default() -> None:
 # ---------------------------------------------------------------- settings of the library
 
 
-@pytest.mark.parametrize("wrong", [{"samples": 0}, {"noise": -1.0}, {"ambient": 1.1}, {"glare": -0.1}, {"focus": -1.0}])
+@pytest.mark.parametrize(
+    "wrong", [{"samples": 0}, {"noise": -1.0}, {"ambient": 1.1}, {"glare": -0.1}, {"focus_m": -1.0}]
+)
 def test_what_no_image_can_have_is_refused(wrong: dict[str, float]) -> None:
     (name,) = wrong
     with pytest.raises(InputError, match=name):
@@ -189,4 +191,4 @@ def test_what_no_image_can_have_is_refused(wrong: dict[str, float]) -> None:
 
 
 def test_the_lens_is_a_radius_and_a_distance() -> None:
-    assert RenderSettings(aperture=0.01, focus=2.0).lens == (0.005, 2.0)
+    assert RenderSettings(aperture_m=0.01, focus_m=2.0).lens == (0.005, 2.0)

@@ -109,4 +109,4 @@ def test_what_cannot_be_filmed_is_refused(tagged: ObjectModel, timeline: Timelin
     with pytest.raises(InputError, match="before zero"):
         film_of(timeline, tagged, rig, tmp_path / "r", Filming(clocks={"cam0": -3.0}))
     with pytest.raises(InputError, match="focus"):
-        RenderSettings(focus=0.0)
+        RenderSettings(focus_m=0.0)

@@ -20,6 +20,7 @@ from tossid.settings.kinds import (
     advanced_part,
 )
 from tossid.settings.limits import Gravity
+from tossid.settings.rendering import RenderSettings
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,7 @@ class NoiseSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CameraSettings:
+class CameraSettings(RenderSettings):
     """The cameras around the tosses, and what their images look like (frames=true)."""
 
     count: Annotated[int, Bounds(low=1, high=9)] = 3
@@ -129,18 +130,10 @@ class CameraSettings:
     """exposure [s]; motion blurs over it"""
     area: Positive = 1.0
     """diameter of the disc on the ground that every camera sees [m]"""
-    distance: Positive = 1.4
-    """from the middle of the area [m]"""
     elevation_deg: Annotated[float, Bounds(above=0, high=85)] = 38.0
     """over the ground [deg]"""
     distorted: bool = True
     """with lens distortion"""
-    samples: Count = 16
-    """rays a pixel"""
-    noise: NonNegative = 1.5
-    """sensor noise [grey levels]"""
-    blur: NonNegative = 0.5
-    """lens blur [px]"""
     quality: Annotated[int, Bounds(low=30, high=100)] = 90
     """JPEG quality"""
     line_s: NonNegative = 0.0
@@ -149,14 +142,6 @@ class CameraSettings:
     """how late each camera's clock is, in their order [s]; those left out are right"""
     dropped: Annotated[float, Bounds(low=0, high=0.9)] = 0.0
     """share of its frames that each camera loses"""
-    glare: NonNegative = 0.0
-    """brightness of the lamp's mirror image on faces with tags; 1: as bright as white paper"""
-    aperture_m: NonNegative = 0.0
-    """diameter of the lens's opening, which blurs what is out of focus [m]; 0: all is sharp"""
-    focus_m: Positive | None = None
-    """distance in focus [m]; null: camera.distance"""
-    texture: NonNegative = 0.0
-    """contrast of the ground's pattern [grey levels]"""
     clutter: Annotated[int, Bounds(low=0, high=200)] = 0
     """things on the ground that look like tags: strange tags, false codes, other families, chessboards, frames"""
     hand: bool = False

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,6 @@ import numpy as np
 
 from tossid.errors import ConfigError
 from tossid.objects import ObjectModel
-from tossid.settings.rendering import RenderSettings
 from tossid.settings.synthesis import CameraSettings, SynthesizeSettings
 from tossid.synthesis.timeline import Filming, make_timeline, render_timeline
 from tossid.types import PoseTrack, Toss
@@ -71,16 +70,7 @@ def film(
     # a generator of their own: images without these effects do not depend on it
     apart = np.random.default_rng([settings.seed, 5])
     ids = frozenset(tag.id for tag in model.tags)
-    images = RenderSettings(
-        samples=keys.samples,
-        noise=keys.noise,
-        blur=keys.blur,
-        glare=keys.glare,
-        aperture=keys.aperture_m,
-        focus=keys.focus_m or keys.distance,
-        texture=keys.texture,
-        litter=scatter(keys.clutter, apart, area=keys.area, own_ids=ids),
-    )
+    images = replace(keys, litter=scatter(keys.clutter, apart, area=keys.area, own_ids=ids))
     hand, reaches = None, tuple[Reach, ...]()
     if keys.hand or keys.sweeps > 0:
         hand, reaches = hand_poses(
@@ -125,8 +115,8 @@ def film(
             "noise": images.noise,
             "blur_px": images.blur,
             "glare": images.glare,
-            "aperture_m": images.aperture,
-            "focus_m": images.focus,
+            "aperture_m": images.aperture_m,
+            "focus_m": images.lens[1],
             "texture": images.texture,
         },
         "hand": [asdict(reach) for reach in reaches],

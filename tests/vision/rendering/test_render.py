@@ -114,7 +114,7 @@ def test_defocus_widens_an_edge_as_a_thin_lens_does(cube: ObjectModel):
     camera, focus = _facing(), 0.6
     q = np.array([0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0])
     for aperture in (0.0, 0.01, 0.02):
-        settings = RenderSettings(blur=0.0, noise=0.0, ambient=1.0, samples=256, aperture=aperture, focus=focus)
+        settings = RenderSettings(blur=0.0, noise=0.0, ambient=1.0, samples=256, aperture_m=aperture, focus_m=focus)
         renderer = Renderer(cube, [camera], settings)
         level = renderer.render(q, q, "c", None)[100:140, 150:].astype(float).mean(axis=0)
         spread = -np.diff(level[:60])

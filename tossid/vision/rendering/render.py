@@ -242,7 +242,7 @@ class Renderer:
         settings = self.settings
         position, quat, count = self._bodies(exposure.q, exposure.hand)
         faces = self._seen_from(cam, position, quat, count)
-        if settings.aperture > 0:  # a face seen edge-on from the lens's middle is not so from all of it
+        if settings.aperture_m > 0:  # a face seen edge-on from the lens's middle is not so from all of it
             faces = faces._replace(front=faces.planes[..., 3] < settings.lens[0])
         shade = self._shade(quat[len(quat) // 2], count)
         seed = int(rng.integers(2**31)) if isinstance(rng, np.random.Generator) else 0
@@ -279,7 +279,7 @@ class Renderer:
             return 0, 0, width, height
         # the images of straight edges bow a little under distortion
         margin = 3 + 4 * self.settings.blur + 0.03 * float(np.ptp(pixels, axis=0).max())
-        if self.settings.aperture > 0:
+        if self.settings.aperture_m > 0:
             radius, focus = self.settings.lens
             margin += float(cam.intrinsics[0]) * radius * float(np.abs(1 / depth - 1 / focus).max())
         x0, y0 = np.maximum(np.floor(pixels.min(axis=0) - margin), 0).astype(int)
