@@ -44,14 +44,13 @@ def write_page(
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    from pipelines.files.checkpoints import trained_model
     from pipelines.tracking.runs import find_run
 
     pictures = FOLDER / "pictures"
     shutil.rmtree(pictures, ignore_errors=True)
     pictures.mkdir()
     write_film(pictures)
-    model = trained_model(find_run(trained["run"]))
+    model = find_run(trained["run"]).trained_model()
     write_comparison(model, gap.get("patched_mjcf"), pictures)
     for path in map(Path, [*trained["figures"], *scores["figures"]]):
         if path.stem in SHOWN:

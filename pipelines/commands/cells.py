@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from pipelines.config.compose import as_plain, load
-from pipelines.config.schemas import SweepConfig, TrainConfig
+from pipelines.config.schemas.learning import SweepConfig, TrainConfig
 from tossid.errors import ConfigError
-from tossid.settings.kinds import convert
+from tossid.settings.changed import changed
 from tossid.studies.cells import StudyCell, study_cell
 
 _OWN = ("data", "restart", "model", "seed")
@@ -34,7 +34,7 @@ def study_cells(sweep: SweepConfig, data: Path, sha256: str) -> dict[StudyCell, 
         base = replace(load("train", TrainConfig, [f"model={name}", first, *sweep.train, *keys]), data=data)
         for value in sweep.values:
             for seed in sweep.seeds:
-                config = _with(_with(base, sweep.key, _number(value)), "seed", seed)
+                config = changed(base, {sweep.key: _number(value), "seed": seed})
                 cell = study_cell(model, sweep.key, value, config.settings(), sha256, keys=as_plain(config))
                 cells[cell] = config
     return cells
@@ -55,15 +55,3 @@ def _check(sweep: SweepConfig) -> None:
 
 def _number(value: float) -> int | float:
     return int(value) if value.is_integer() else value
-
-
-def _with(config: TrainConfig, key: str, value: int | float) -> TrainConfig:
-    values = as_plain(config)
-    *path, last = key.split(".")
-    part = values
-    for name in path:
-        part = part[name]
-    part[last] = value
-    changed = convert(TrainConfig, values, key="")
-    assert isinstance(changed, TrainConfig)
-    return changed

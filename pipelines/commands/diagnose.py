@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from pipelines.cli.console import Console
 from pipelines.cli.failures import Interrupted, was_interrupted
-from pipelines.config.schemas import DiagnoseConfig, MjcfSim, NominalSim, PythonSim, RunSim
+from pipelines.config.schemas.diagnosis import DiagnoseConfig, MjcfSim, NominalSim, PythonSim, RunSim
 from pipelines.files.project import dataset_path
 from tossid.errors import InputError
 
@@ -108,13 +108,12 @@ def _mjcf(sim: MjcfSim, recorded: ObjectModel) -> Simulator:
 
 def _run(sim: RunSim, recorded: ObjectModel) -> Simulator:
     """A trained run, named as the tracker has it."""
-    from pipelines.files.checkpoints import trained_model
     from pipelines.tracking.runs import find_run
     from tossid.diagnosis.simulators import read_simulator
 
     record = find_run(sim.path)
     about = f"run {record.name}" + (f" ({record.id[:8]})" if record.id else "")
-    return replace(read_simulator(trained_model(record), recorded), about=about, run=record.id or None)
+    return replace(read_simulator(record.trained_model(), recorded), about=about, run=record.id or None)
 
 
 def _python(sim: PythonSim, recorded: ObjectModel) -> Simulator:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from pipelines.cli.console import Console
 from pipelines.config.schemas import EvaluateConfig
-from pipelines.execution.workers import import_for_workers
 from pipelines.files.project import dataset_path
 from tossid.errors import FileError, InputError
 
@@ -23,18 +22,15 @@ FOLDER = Path("outputs/evaluate")
 def run(config: EvaluateConfig, console: Console) -> dict[str, Any]:
     """Evaluate; returns CONTRACT.md's metrics and the figures' paths."""
     if config.sweep is not None:
-        if config.sweep.workers != 1:
-            import_for_workers(config.launcher, "tossid.studies.cells")
         from pipelines.commands.sweep import run_sweep
 
         return run_sweep(config, config.sweep, console)
 
-    from pipelines.files.checkpoints import trained_model
     from pipelines.tracking.runs import find_run
     from tossid.store import open_dataset
 
     record = find_run(config.run)
-    trained = trained_model(record)
+    trained = record.trained_model()
     data, split, sha256 = _data(config, trained)
     with open_dataset(data, split="test" if split == "test" else None) as dataset:
         if not dataset.tosses:

@@ -13,14 +13,13 @@ FOLDER = Path("outputs/export")
 
 def run(config: ExportConfig, console: Console) -> dict[str, Any]:
     """Export; returns the files, what could not be carried, and the comparison."""
-    from pipelines.files.checkpoints import trained_model
     from pipelines.tracking.runs import find_run
     from tossid import export
     from tossid.evaluation.export import SUFFIXES
 
     record = find_run(config.run)
     out = config.out or FOLDER / f"{record.name}{SUFFIXES[config.format]}"
-    found = export(trained_model(record), out, settings=config)
+    found = export(record.trained_model(), out, settings=config)
     head, rows = found.table()
     console.table(head, rows, title=f"wrote {out}")
     for text in found.left_out:

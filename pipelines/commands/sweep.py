@@ -20,7 +20,7 @@ import numpy as np
 
 from pipelines.cli.console import Console
 from pipelines.commands.cells import study_cells
-from pipelines.config.schemas import EvaluateConfig, SweepConfig, TrainConfig
+from pipelines.config.schemas.learning import EvaluateConfig, SweepConfig, TrainConfig
 from pipelines.execution.workers import submitting
 from pipelines.files.project import dataset_path
 from pipelines.tracking.mlflow_store import client

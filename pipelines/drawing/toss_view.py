@@ -34,10 +34,9 @@ def toss_content(config: ViewConfig, console: Console) -> ViewContent:
     report = _read_gap(config.gap) if config.gap is not None else None
     trained, path = None, config.data
     if config.run is not None:
-        from pipelines.files.checkpoints import trained_model
         from pipelines.tracking.runs import find_run
 
-        trained = trained_model(find_run(config.run))
+        trained = find_run(config.run).trained_model()
     held_out = trained is not None and path is None
     if path is None and trained is not None:
         path = trained.data

@@ -19,8 +19,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from multiprocessing import connection, forkserver, resource_tracker
-from multiprocessing.context import BaseContext
+from multiprocessing import connection
 from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
@@ -35,7 +34,6 @@ R = TypeVar("R")
 
 EXTRA = "pip install 'tossid[cluster]'"
 _LOOPBACK = "127.0.0.1:0"
-_imported: list[str] = []  # modules of the process from which workers are forked, once there is one
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
@@ -145,39 +143,11 @@ _OPENERS: dict[type, Callable[[Any, int | None], AbstractContextManager[Workers]
 """How the workers of each launcher are opened."""
 
 
-def import_for_workers(launcher: Launcher, *modules: str) -> None:
-    """Begin to import what workers need, in a process from which they are forked later; returns at once.
-
-    A command that calls this before its own imports does both at the same time. Else each worker imports by itself.
-
-    Args:
-        launcher: Which workers there will be; nothing is done for those of a cluster.
-        modules: What they import.
-    """
-    if not isinstance(launcher, ProcessesLauncher):
-        return
-    forkserver.set_forkserver_preload(list(modules))
-    resource_tracker.ensure_running()  # apart, as it lets Ctrl-C through again, which the other would die of
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        with _one_thread_each():
-            forkserver.ensure_running()
-        _imported.extend(modules)
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
 @contextmanager
 def _processes(count: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes of one thread each: forked by the process that has imported what they need, if there is one."""
-    context: BaseContext = multiprocessing.get_context("spawn")
-    if _imported:
-        context = forking = multiprocessing.get_context("forkserver")
-        first = forking.Process(target=_begin)  # waits for the imports, and ends in silence if the command ends first
-        first.start()
-        first.join()
+    """Processes of one thread each."""
     with _one_thread_each():
-        pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin)
+        pool = ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn"), initializer=_begin)
         try:
             yield pool
         except BaseException:

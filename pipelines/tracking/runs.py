@@ -10,11 +10,14 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote, urlparse
 
 from pipelines.tracking.mlflow_store import client, find_experiment
 from tossid.errors import FileError, InputError
+
+if TYPE_CHECKING:
+    from tossid.models import TrainedModel
 
 EXPERIMENT = "tossid"
 CHECKPOINT = "checkpoint.pt"
@@ -60,6 +63,16 @@ class RunRecord:
         ]
         remedy = f"; run={copies[0]} is the same training" if copies else "; run=NAME names another run, or a folder"
         raise InputError(f"run {self.name} ({self.id or self.folder}) {there}{remedy}")
+
+    def trained_model(self) -> TrainedModel:
+        """The trained model that it keeps.
+
+        Raises:
+            InputError: It has no checkpoint, or that is damaged.
+        """
+        from tossid.models import TrainedModel
+
+        return TrainedModel.load(self.weights())
 
 
 def find_run(reference: str | Path | None = None, *, command: str = "train") -> RunRecord:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
-from difflib import get_close_matches
 from typing import Any, TypeVar
 
-from tossid.errors import ConfigError
+from tossid.errors import ConfigError, nearest
 from tossid.settings.kinds import convert, type_hints
 
 S = TypeVar("S")
@@ -43,8 +42,8 @@ def _path(settings: Any, key: str) -> tuple[str, ...]:
         return found[0]
     if found:
         raise ConfigError(key, f"is not one setting but {len(found)}: {', '.join('.'.join(path) for path in found)}.")
-    near = get_close_matches(asked[-1], [path[-1] for path in every], n=1, cutoff=0.6)
-    raise ConfigError(key, f"is no setting of {type(settings).__name__}.", suggestion=next(iter(near), None))
+    near = nearest(asked[-1], [path[-1] for path in every])
+    raise ConfigError(key, f"is no setting of {type(settings).__name__}.", suggestion=near)
 
 
 def _paths(settings: Any) -> Iterator[tuple[str, ...]]:

@@ -14,14 +14,12 @@ Nothing heavy is imported here: help pages read this module.
 from __future__ import annotations
 
 from pipelines.config.schemas.auditing import AuditConfig
-from pipelines.config.schemas.diagnosis import DiagnoseConfig, MjcfSim, NominalSim, PythonSim, RunSim, Sim
+from pipelines.config.schemas.diagnosis import DiagnoseConfig
 from pipelines.config.schemas.ingestion import DetectStageConfig, IngestConfig, SegmentStageConfig, TrackStageConfig
-from pipelines.config.schemas.launching import DaskLauncher, Launcher, ProcessesLauncher, SlurmLauncher
-from pipelines.config.schemas.learning import EvaluateConfig, RegisterConfig, SweepConfig, TrainConfig
+from pipelines.config.schemas.learning import EvaluateConfig, RegisterConfig, TrainConfig
 from pipelines.config.schemas.making import NewObjectConfig
 from pipelines.config.schemas.synthesis import SynthesizeConfig
 from pipelines.config.schemas.viewing import ExportConfig, ViewConfig
-from tossid.settings.kinds import Bounds, Count, Fraction, NonNegative, Ordered, Positive, Range, Seed, Span
 
 COMMANDS: dict[str, type] = {
     "audit": AuditConfig,
@@ -39,39 +37,3 @@ COMMANDS: dict[str, type] = {
     "view": ViewConfig,
 }
 """The schema of each command that takes keys."""
-
-__all__ = [
-    "AuditConfig",
-    "Bounds",
-    "COMMANDS",
-    "Count",
-    "DaskLauncher",
-    "DetectStageConfig",
-    "DiagnoseConfig",
-    "EvaluateConfig",
-    "ExportConfig",
-    "Fraction",
-    "IngestConfig",
-    "Launcher",
-    "MjcfSim",
-    "NewObjectConfig",
-    "NominalSim",
-    "NonNegative",
-    "Ordered",
-    "ProcessesLauncher",
-    "Positive",
-    "PythonSim",
-    "Range",
-    "RegisterConfig",
-    "RunSim",
-    "Seed",
-    "SegmentStageConfig",
-    "Sim",
-    "SlurmLauncher",
-    "Span",
-    "SweepConfig",
-    "SynthesizeConfig",
-    "TrackStageConfig",
-    "TrainConfig",
-    "ViewConfig",
-]

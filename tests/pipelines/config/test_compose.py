@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipelines.config.compose import as_plain, flatten, load
-from pipelines.config.schemas import Bounds, IngestConfig
+from pipelines.config.schemas import IngestConfig
 from tossid.errors import ConfigError
+from tossid.settings.kinds import Bounds
 from tossid.settings.tracking import TrackSettings
 
 

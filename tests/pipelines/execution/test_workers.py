@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from pipelines.config.schemas import DaskLauncher, ProcessesLauncher, SlurmLauncher
+from pipelines.config.schemas.launching import DaskLauncher, ProcessesLauncher, SlurmLauncher
 from pipelines.execution.workers import _with_code, open_workers
 from pipelines.tracking.runs import find_runs
 from tests.conftest import ROOT
@@ -205,29 +205,8 @@ def test_a_worker_that_is_killed_is_replaced_by_the_others(beside: Path, answer:
     assert numbers(report) == numbers(here)
 
 
-FORKED = """
-import os, signal, sys
-from pipelines.config.schemas import ProcessesLauncher
-from pipelines.execution.workers import import_for_workers, open_workers
-def imported_and_threads(module):
-    return module in sys.modules, os.environ["OMP_NUM_THREADS"]
-if __name__ == "__main__":
-    signal.signal(signal.SIGINT, lambda *_: print("Ctrl-C", flush=True))
-    here = ProcessesLauncher("processes")
-    import_for_workers(here, "colorsys")
-    os.killpg(0, signal.SIGINT)
-    with open_workers(here, 1) as there:
-        print(there.submit(imported_and_threads, "colorsys").result())
-"""
-
-
-def test_workers_are_forked_from_a_process_that_has_imported_what_they_need(tmp_path: Path) -> None:
-    """In a process of its own, of which such a process is begun once; Ctrl-C meanwhile is the command's alone."""
-    (tmp_path / "forked.py").write_text(FORKED)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "7"}
-    done = subprocess.run(
-        [sys.executable, "forked.py"],
-        cwd=tmp_path, env=environment, capture_output=True, text=True, start_new_session=True,
-    )  # fmt: skip
-    assert done.stdout.splitlines() == ["Ctrl-C", "(True, '1')"], done.stderr
-    assert done.stderr == ""
+def test_a_worker_takes_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    with open_workers(HERE, 1) as there:
+        assert there.submit(os.getenv, "OMP_NUM_THREADS").result() == "1"
+    assert os.environ["OMP_NUM_THREADS"] == "7"

@@ -13,7 +13,6 @@ import yaml
 
 from pipelines.config.compose import load
 from pipelines.config.schemas import IngestConfig
-from pipelines.files.checkpoints import trained_model
 from pipelines.files.datasets import provenance
 from pipelines.files.open_source import check_stage_name, located, read_track
 from pipelines.files.project import check_dataset_name, dataset_path, newest_dataset, newest_recording
@@ -88,10 +87,10 @@ def test_keys_that_leave_the_data_as_they_are_are_no_part_of_where_it_comes_from
 def test_a_run_without_a_model_is_named(tmp_path: Path) -> None:
     path = tmp_path / "checkpoint.pt"
     with pytest.raises(InputError, match=r"run cn-g9.81 \(0123\) has no checkpoint"):
-        trained_model(RunRecord("0123", "cn-g9.81", tmp_path, None))
+        RunRecord("0123", "cn-g9.81", tmp_path, None).trained_model()
     path.write_bytes(b"no model")
     with pytest.raises(FileError, match=r"checkpoint.pt"):
-        trained_model(RunRecord("0123", "cn-g9.81", tmp_path, path))
+        RunRecord("0123", "cn-g9.81", tmp_path, path).trained_model()
 
 
 def test_an_unfinished_training_comes_back_until_it_is_cleared_and_a_damaged_one_is_named(tmp_path: Path) -> None:
