@@ -17,13 +17,12 @@ from typing import Any
 import pytest
 from matplotlib.figure import Figure
 
-from tests.diagnosis.by_hand import diagnosis, with_place, without_effects
+from tests.diagnosis.by_hand import diagnosis, with_place
 from tests.diagnosis.report.reports import NO_PATCH, PATCH, reports
 from tests.diagnosis.report.test_figures import a_slide, with_film
 from tests.golden import assert_as_read
 from tossid.diagnosis.findings import Interval
 from tossid.diagnosis.report import REPORT_FIGURES, card_of, report_figure, report_html, report_pngs
-from tossid.diagnosis.report.card import VERDICTS
 from tossid.diagnosis.report.units import (
     in_units,
     parameter,
@@ -36,7 +35,7 @@ from tossid.diagnosis.report.units import (
     span,
 )
 from tossid.diagnosis.report.words import state_words, times_likelier, wrench_words
-from tossid.diagnosis.result import Diagnosis, Interruption
+from tossid.diagnosis.result import Diagnosis
 from tossid.diagnosis.simulators import nominal
 from tossid.evaluation.figures.style import new_figure
 from tossid.objects import ObjectModel
@@ -85,13 +84,6 @@ def test_the_card_comes_first_and_the_rest_is_folded(cube: ObjectModel) -> None:
         assert line in " ".join(first.split()), line
     assert details.count("<details>") == 4
     assert "details-content" in page  # they open in print
-
-
-@pytest.mark.parametrize("verdict", VERDICTS)
-def test_every_verdict_has_a_page(cube: ObjectModel, verdict: str) -> None:
-    interruption = Interruption("the search") if verdict == "incomplete" else None
-    for made in (diagnosis(cube), without_effects(cube, "no_gap")):
-        assert VERDICTS[verdict] in text_of(report_html(replace(made, verdict=verdict, interruption=interruption), {}))
 
 
 def test_no_interval_is_one_value_and_nothing_is_unknown() -> None:
@@ -293,16 +285,3 @@ def test_nothing_is_wider_than_the_page_and_the_card_is_on_the_first_screen(page
         assert found["film"] > 0.35 * width or width > 1000
         assert found["card"] < found["changes"] < HEIGHT
         assert (found["hidden"], found["stills"]) == (2, 0), "the stills are for paper"
-
-
-@in_browser
-def test_paper_has_the_details_and_the_patched_file(page: str, tmp_path: Path) -> None:
-    def pages(text: str) -> int:
-        source, out = tmp_path / "page.html", tmp_path / "page.pdf"
-        source.write_text(text, encoding="utf-8")
-        chromium(tmp_path, "--no-pdf-header-footer", f"--print-to-pdf={out}", source.as_uri())
-        return len(re.findall(rb"/Type /Page\b", out.read_bytes()))
-
-    folded = page.replace("details::details-content", "nothing")
-    everything = re.sub(r"<details>", "<details open>", folded)
-    assert pages(folded) < pages(everything) == pages(page)

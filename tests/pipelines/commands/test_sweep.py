@@ -13,14 +13,13 @@ from typing import Any
 
 import pytest
 
-from pipelines.cli import app
 from pipelines.commands import sweep
 from pipelines.commands.cells import study_cells
 from pipelines.config.compose import load
 from pipelines.config.schemas import EvaluateConfig
 from pipelines.tracking.mlflow_store import client
 from pipelines.tracking.runs import find_run, find_runs
-from tests.pipelines.conftest import metric_history, one_line, stored_run
+from tests.pipelines.conftest import metric_history, stored_run
 from tossid.studies import study as studies
 from tossid.studies.cells import CELL, compute_cell
 
@@ -135,18 +134,6 @@ def test_cells_have_the_settings_of_their_keys(made: Path) -> None:
     # who computes them, and under which name, is no part of them
     digests = [cell.digest for cell in one]
     assert [cell.digest for cell in cells("sweep.name=other", "sweep.workers=3")] == digests
-
-
-def test_the_number_of_training_tosses(beside: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    keys = ["sweep.models=[cn]", "sweep.values=[2,5,64]", "sweep.seeds=[0]", "sweep.train=['epochs=2']"]
-    args = ["evaluate", "--sweep", "data_efficiency", *keys, "sweep.workers=1", "data=tosses", "--json", "--quiet"]
-    assert app.run(args) == 0
-    out, err = capfd.readouterr()
-    assert "has 5 training tosses; left out: 64" in one_line(err)
-    report = json.loads(out)
-    assert [cell["tosses"] for cell in report["cells"]] == [2, 5]
-    assert report["cells"][0]["position_error_pct"] != report["cells"][1]["position_error_pct"]
-    assert {Path(path).stem for path in report["figures"]} == {"data_efficiency", "data_efficiency_from_flight"}
 
 
 @pytest.mark.slow
