@@ -163,7 +163,14 @@ class Search:
             rounds.append(self._round(present, first, library, held))
             joined = rounds[-1].joined
             if joined is None:
-                break
+                fewer = self._needed_alone(present, first, held)
+                if fewer is present:
+                    break
+                present = fewer
+                if _contents(present.hypothesis) in seen:
+                    break
+                seen.add(_contents(present.hypothesis))
+                continue
             special = () if joined.candidate.effect is None else joined.candidate.effect.contains
             present = self._from_full_evidence(joined.fit, held)
             # evidence that only follows a fit ranks candidates, and cannot say which of two alike is the simpler story
@@ -230,12 +237,17 @@ class Search:
         near = before.evidence if start.law == before.hypothesis.law else present.evidence
         joint = sample.refitted(near, start, iterations=8, follow=4, held=held)
         joint = sample.refitted(joint.evidence, joint.hypothesis, iterations=4, held=held)
-        fewer = self._pruned(joint, first, held)
-        while fewer is not joint:
-            joint, fewer = fewer, self._pruned(fewer, first, held)
+        joint = self._needed_alone(joint, first, held)
         gain = sample.gains(joint, present).sum()
         _log.debug("all at once, %.0f: %s", gain, words(joint.hypothesis))
         return joint if gain > 0 else present
+
+    def _needed_alone(self, present: Fit, first: Evidence, held: frozenset[str]) -> Fit:
+        """What is left when effects that are not needed have left one by one (backward elimination)."""
+        fewer = self._pruned(present, first, held)
+        while fewer is not present:
+            present, fewer = fewer, self._pruned(fewer, first, held)
+        return present
 
     def _pruned(self, present: Fit, first: Evidence, held: frozenset[str]) -> Fit:
         """Without the effect that is needed least, if it is not needed."""
