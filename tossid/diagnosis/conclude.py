@@ -96,8 +96,8 @@ def explain(problem: Problem, engine: Engine = Engine()) -> tuple[Diagnosis, Und
     made = _concluded(recorded, first, undone, engine)
     if plane is not None:
         world, nothing = problem.stated.world(), {"gain": 0.0, "p_value": 1.0}
-        not_shown = (e for e in problem.library if e.name in plane.effects)
-        hidden = (Finding.of(e, "not_identifiable", world, nothing) for e in not_shown)
+        undetermined = (e for e in problem.library if e.name in plane.effects)
+        hidden = (Finding.of(e, "not_identifiable", world, nothing) for e in undetermined)
         made = replace(made, plane=plane, findings=(*made.findings, *hidden))
     return replace(made, seconds=time.perf_counter() - started), undone
 

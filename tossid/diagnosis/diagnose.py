@@ -120,10 +120,10 @@ class Task:
         following = next_toss(found.hypothesis, found.alternatives, own.tosses, own.sample, rng=rng)
         patch = _patch(found, self.simulator.mjcf, undone)
         under_way("done", 1.0)
-        asked = self.simulator.frames
+        frames = self.simulator.frames
         return replace(
             found,
-            passes=None if asked is None else asked / float(own.sample.windows.steps.sum()),
+            passes=None if frames is None else frames / float(own.sample.windows.steps.sum()),
             simulator=self.simulator,
             next_toss=following,
             patch=patch,

@@ -67,7 +67,7 @@ def without_changes(problem: Problem, first: Evidence | None = None) -> Undone:
         first: Evidence of the simulator as it is stated, if it is known.
     """
     recorded, found = problem, problem.search().run(first)
-    changes, left, refitted_beside = tuple[Change, ...](), OverOrder((), None, None), frozenset[str]()
+    changes, left, refitted_with = tuple[Change, ...](), OverOrder((), None, None), frozenset[str]()
     for _ in range(ROUNDS):
         names, changing = frozenset(found.hypothesis.names), {change.effect.name for change in changes}
         further = tuple[Change, ...]()
@@ -75,9 +75,9 @@ def without_changes(problem: Problem, first: Evidence | None = None) -> Undone:
             left, further = _changes(problem, found, changes)
         if further:
             changes += further
-        elif changes and names - refitted_beside:
+        elif changes and names - refitted_with:
             changes = _refitted(recorded, found.hypothesis, changes)
-            refitted_beside |= names - changing
+            refitted_with |= names - changing
         else:
             break
         problem = _corrected(recorded, changes)
@@ -114,9 +114,9 @@ def _changes(problem: Problem, found: Found, undone: Sequence[Change]) -> tuple[
     if p_value > LEVEL:
         return OverOrder((), p_value, None), ()
     h = found.hypothesis
-    change = _changes_beside(problem, h.without(*h.names), undone)
+    change = _changes_given(problem, h.without(*h.names), undone)
     if not _correctable(change.changes) and h.effects:
-        change = _changes_beside(problem, h, undone)
+        change = _changes_given(problem, h, undone)
     if not change.changes and change.place is not None:
         change = replace(change, left=p_value)
     return change, _correctable(change.changes)
@@ -137,7 +137,7 @@ def _p_value(found: Found, problem: Problem) -> float:
     return float(change_p_values(effects, _boundaries(problem), problem.seed)[0].min())
 
 
-def _changes_beside(problem: Problem, h: Hypothesis, undone: Sequence[Change]) -> OverOrder:
+def _changes_given(problem: Problem, h: Hypothesis, undone: Sequence[Change]) -> OverOrder:
     """What changes beside a hypothesis, all effects of which may. That anything does has been tested."""
     # what is left of a change that was undone is no change of another effect that does the same
     library = tuple(effect for effect in problem.library if not _is_undone(effect, undone))

@@ -105,7 +105,7 @@ def in_plane(
         return tuple(library), None
     windows = _windows_within(tosses, world.object, normal, settings)
 
-    def is_shown(effect: Effect, values: Array, k: int) -> bool:
+    def is_determined(effect: Effect, values: Array, k: int) -> bool:
         """Whether a parameter at either side of its value makes motions in the plane that differ."""
         p = effect.parameters[k]
 
@@ -129,25 +129,25 @@ def in_plane(
     def hidden_of(effect: Effect) -> tuple[str, ...]:
         """Names of the parameters that no motion in the plane shows."""
         nominal = effect.nominal(world)
-        left = [k for k in range(len(nominal)) if not is_shown(effect, nominal, k)]
+        left = [k for k in range(len(nominal)) if not is_determined(effect, nominal, k)]
         if left and isinstance(effect.strength, Strength):
             # what says how an effect acts, as a wind's velocity, shows only where there is something of it
             middle = float(np.sqrt(effect.strength.low * effect.strength.high))
             strong = effect.strength.values(middle, np.full(8, 0.5))
             values = np.array([strong.get(p.name, x) for p, x in zip(effect.parameters, nominal, strict=True)])
             values[left] = nominal[left]
-            left = [k for k in left if not is_shown(effect, values, k)]
+            left = [k for k in left if not is_determined(effect, values, k)]
         elif len(left) < len(nominal):
             left = []
         return tuple(effect.parameters[k].name for k in left)
 
     hidden = {effect.name: hidden_of(effect) for effect in library}
-    shown: dict[str, Effect] = {}
+    fitted: dict[str, Effect] = {}
     for effect in library:
         kept = tuple(p for p in effect.parameters if p.name not in hidden[effect.name])
         if any(not p.form for p in kept):
-            shown[effect.name] = effect if len(kept) == len(effect.parameters) else _with_only(effect, kept)
-    kept_effects = tuple(each for each in shown.values() if not _is_special_case(each, shown))
+            fitted[effect.name] = effect if len(kept) == len(effect.parameters) else _with_only(effect, kept)
+    kept_effects = tuple(each for each in fitted.values() if not _is_special_case(each, fitted))
     names = {each.name for each in kept_effects}
     missing = tuple(effect.name for effect in library if effect.name not in names)
     pairs = tuple((name, each) for name, some in hidden.items() for each in some)
@@ -181,6 +181,6 @@ def _with_only(effect: Effect, kept: tuple[Any, ...]) -> Effect:
     )
 
 
-def _is_special_case(effect: Effect, shown: dict[str, Effect]) -> bool:
+def _is_special_case(effect: Effect, fitted: dict[str, Effect]) -> bool:
     """Whether an effect has no more parameters left than one that it contains, and so is the same."""
-    return any(len(effect.parameters) <= len(shown[name].parameters) for name in effect.contains if name in shown)
+    return any(len(effect.parameters) <= len(fitted[name].parameters) for name in effect.contains if name in fitted)

@@ -54,7 +54,7 @@ def test_a_step_in_some_columns_gains_as_much_as_if_the_others_followed(
     moved = e.ravel() + 0.7 * J[..., 0].ravel()
     others = J[..., 1:].reshape(-1, 2)
     left = moved - others @ np.linalg.lstsq(others, moved)[0]
-    gain = columns.gain_beside([0], np.array([0.7]), [1, 2])
+    gain = columns.gain_of_step([0], np.array([0.7]), [1, 2])
     assert gain == pytest.approx(0.5 * ((e**2).sum() - (left**2).sum()), rel=1e-6)
 
 

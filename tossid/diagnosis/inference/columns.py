@@ -103,7 +103,7 @@ class Columns:
         out: Array = -self.curvature * (first + 0.5 * second)
         return out
 
-    def gain_beside(self, fixed: Sequence[int], step: Array, others: Sequence[int]) -> float:
+    def gain_of_step(self, fixed: Sequence[int], step: Array, others: Sequence[int]) -> float:
         """Gain of all tosses by a given step in some columns, where others follow.
 
         Args:

@@ -106,7 +106,7 @@ class Screening:
             if best is None:
                 break
             _, joined, start = best
-            h = start.hypothesis if start.secant else _begun(self.columns, start, self.active)
+            h = start.hypothesis if start.secant else _fit_start(self.columns, start, self.active)
             chosen.append((joined, h.values_of(joined.name)))
             taken |= {joined.name, *joined.contains}
             active = np.concatenate([active, start.columns])
@@ -120,11 +120,11 @@ class Screening:
             away: (len(own),) its values minus those that change nothing, in declared steps.
         """
         kept = [k for k in self.active.tolist() if k not in own]
-        lost = -self.columns.gain_beside(own, -away, kept)
+        lost = -self.columns.gain_of_step(own, -away, kept)
         out = []
         for c in self.candidates:
             gains = [
-                self.columns.gain_beside(own, -away, [*kept, *start.columns.tolist()])
+                self.columns.gain_of_step(own, -away, [*kept, *start.columns.tolist()])
                 for start in c.starts
                 if c.effect is not None
             ]
@@ -221,8 +221,8 @@ def screen(
         gains = [_gain(columns, each, active) for each in made]
         best = int(np.argmax([gain.sum() for gain in gains]))
         whole = set(present.names) <= set(made[best].hypothesis.names)  # nothing has made room
-        begun = _begun(columns, made[best], active, free if whole else ())
-        candidates.append(Candidate(name, of_effect, gains[best], begun, tuple(made), p_value))
+        fit_start = _fit_start(columns, made[best], active, free if whole else ())
+        candidates.append(Candidate(name, of_effect, gains[best], fit_start, tuple(made), p_value))
     candidates.sort(key=lambda each: -each.total)
     return Screening(columns, active, tuple(candidates))
 
@@ -269,7 +269,7 @@ def _gain(columns: Columns, start: Start, active: Index) -> Array:
     return gain
 
 
-def _begun(columns: Columns, start: Start, active: Index, following: Sequence[int] = ()) -> Hypothesis:
+def _fit_start(columns: Columns, start: Start, active: Index, following: Sequence[int] = ()) -> Hypothesis:
     """The hypothesis from which a fit begins: a declared start itself, or where the joint step leads.
 
     following: numbers of the active parameters in the start's hypothesis, where these follow; else they keep values.

@@ -176,16 +176,16 @@ class Engine:
             count = BOUNCING_SUBSTEPS if ours.object.restitution > 0 else SUBSTEPS
             other = MujocoWorld(scene(ours, windows.dt / ours.recording.clock_rate / count), ours)
             # near-rigid engines agree in flight and at rest
-            asked, expected = ~(windows.free | windows.steady), 0.0
+            compared, expected = ~(windows.free | windows.steady), 0.0
         else:
             model, ours = self.patched(hypothesis)
             # the model has its own ground
             other = MujocoWorld(model, replace(ours, ground_height=0.0, ground_tilt=(0.0, 0.0)))
-            asked, expected = np.full(len(windows.steps), True), 1.0
+            compared, expected = np.full(len(windows.steps), True), 1.0
         values = np.zeros((*windows.inside.shape, windows.channels))
         # long windows would make those of ordinary length as long
         long = windows.steps > windows.settings.windows.length
-        for rows in map(np.flatnonzero, (asked & ~long, asked & long)):
+        for rows in map(np.flatnonzero, (compared & ~long, compared & long)):
             if len(rows):
                 values[rows] = _difference(windows.rows(rows), ours, other, n_threads)
         return EngineDifference(values, expected)

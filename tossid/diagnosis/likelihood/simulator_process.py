@@ -109,7 +109,7 @@ class SimulatorProcess:
             if self._running is None or not self._running[0].is_alive():
                 self._start()
             self.frames += len(q0) * n_steps
-            answer = self._asked((q0, v0, n_steps, dt), f"called with {len(q0)} first states and n_steps = {n_steps}")
+            answer = self._request((q0, v0, n_steps, dt), f"called with {len(q0)} first states and n_steps = {n_steps}")
         q, v = answer
         return q, v
 
@@ -128,9 +128,9 @@ class SimulatorProcess:
         theirs.close()
         self._running = process, ours
         weakref.finalize(self, _end, process)
-        self._asked(None, "while it was loaded")
+        self._request(None, "while it was loaded")
 
-    def _asked(self, call: tuple[Array, Array, int, float] | None, when: str) -> Any:
+    def _request(self, call: tuple[Array, Array, int, float] | None, when: str) -> Any:
         """The process's answer to a call, or to its start if None."""
         assert self._running is not None
         process, pipe = self._running
@@ -230,8 +230,8 @@ def _answer(function: BatchFunction, q0: Array, v0: Array, n_steps: int, dt: flo
     if np.abs(length - 1.0).max() > FIRST_STATE:
         return f"returns quaternions of length {length.min():.4f} to {length.max():.4f}"
     sign = np.sign((q[:, 0, 3:7] * q0[:, 3:7]).sum(-1, keepdims=True))
-    begun = np.concatenate([q[:, 0, :3], sign * q[:, 0, 3:7], q[:, 0, 7:]], axis=1)
-    off = float(np.abs(begun - q0).max())
+    first = np.concatenate([q[:, 0, :3], sign * q[:, 0, 3:7], q[:, 0, 7:]], axis=1)
+    off = float(np.abs(first - q0).max())
     if off > FIRST_STATE:
         return f"returns motions that begin {off:.3g} from the first states it was given"
     return q, v

@@ -71,9 +71,9 @@ class Motions:
         keys = [row.tobytes() for row in np.column_stack([q, v, np.full(len(q), dt)])]
         known = [self._kept.get(key) for key in keys]
         lacking = np.array([run is None or len(run.q) <= n for run, n in zip(known, steps, strict=True)])
-        asked = np.where(steps == 1, 1, -(-steps // _TOGETHER) * _TOGETHER)
-        for length in np.unique(asked[lacking]).tolist():
-            every = np.flatnonzero(lacking & (asked == length))
+        frames = np.where(steps == 1, 1, -(-steps // _TOGETHER) * _TOGETHER)
+        for length in np.unique(frames[lacking]).tolist():
+            every = np.flatnonzero(lacking & (frames == length))
             for rows in np.array_split(every, max(1, -(-len(every) * length // _MOST_AT_ONCE))):
                 made = State(*self.process(q[rows], v[rows], length, dt))
                 for i, row in enumerate(rows.tolist()):
@@ -223,26 +223,26 @@ class UsersWorld(World):
         steps = np.array(np.broadcast_to(np.asarray(n_steps, dtype=np.int64), (len(q0),)))
         world, none = self.plain(), replace(self.stated, recording=self.recording)
         true_dt = dt / self.recording.clock_rate
-        beside = None if near is None else State(*world.to_ground(*near))
+        at_near = None if near is None else State(*world.to_ground(*near))
 
         def onward(
-            q: Array, v: Array, n_steps: int | NDArray[np.int64], dt: float, beside: State | None = None
+            q: Array, v: Array, n_steps: int | NDArray[np.int64], dt: float, at_near: State | None = None
         ) -> tuple[Array, Array]:
             # in the ground's frame, the ground is where the user's simulator has it
             changes = StepChanges(world, none, dt, how, self.contact)
-            run = self._moved(State(q, v), np.broadcast_to(n_steps, (len(q),)), changes, beside)
+            run = self._moved(State(q, v), np.broadcast_to(n_steps, (len(q),)), changes, at_near)
             return run.q, run.v
 
-        run = onward(*world.to_ground(q0, v0), steps, true_dt, beside)
+        run = onward(*world.to_ground(q0, v0), steps, true_dt, at_near)
         return world.recorded_motions(*run, n_steps=steps, dt=true_dt, onward=onward)
 
     def _moved(
-        self, first: State, steps: NDArray[np.int64], changes: StepChanges, beside: State | None = None
+        self, first: State, steps: NDArray[np.int64], changes: StepChanges, at_near: State | None = None
     ) -> State:
-        """Motions in the ground's frame; in the air they may be found by those from states beside."""
+        """Motions in the ground's frame; in the air they may be found by those from states near by."""
         alike = _move_alike(changes.with_effects, changes.none)
-        if alike and beside is not None:
-            return self._beside(first, steps, changes, beside)
+        if alike and at_near is not None:
+            return self._from_motions_near(first, steps, changes, at_near)
         theirs = self.motions(first.q, first.v, steps, changes.dt)
         if alike:
             return theirs
@@ -251,33 +251,33 @@ class UsersWorld(World):
         flown = np.minimum(begins + 1, steps) if self.by_frame else steps
         changed, plain = (changes.of_motions(first, flown, effects=effects) for effects in (True, False))
         some = theirs.rows((slice(None), slice(changed.q.shape[1])))
-        run, begun = theirs, some.plus(changed.minus(plain))
-        run.q[:, : begun.q.shape[1]], run.v[:, : begun.q.shape[1]] = begun.q, begun.v
-        before = self._first_contact((begun, changed, plain), flown)
+        run, start = theirs, some.plus(changed.minus(plain))
+        run.q[:, : start.q.shape[1]], run.v[:, : start.q.shape[1]] = start.q, start.v
+        before = self._first_contact((start, changed, plain), flown)
         begins = np.where(before < flown, np.minimum(before, begins), begins)
         rows = np.flatnonzero(begins < steps)
         if self.by_frame and len(rows):
             self._compose(run, begins, steps, rows, changes)
         return run
 
-    def _beside(self, first: State, steps: NDArray[np.int64], changes: StepChanges, beside: State) -> State:
-        """Motions without changes. Until contact they differ from motions beside as much as in ours."""
-        run = self.motions(beside.q, beside.v, steps, changes.dt)
+    def _from_motions_near(self, first: State, steps: NDArray[np.int64], changes: StepChanges, at_near: State) -> State:
+        """Motions without changes. Until contact they differ from motions near by as much as in ours."""
+        run = self.motions(at_near.q, at_near.v, steps, changes.dt)
         begins = self._first_contact((run,), steps)
         if not self.by_frame:
             begins = np.where(begins == steps, steps, 0)
         flown = np.maximum(begins, 1)
         # many differ from the same motion
-        states = np.concatenate([beside.q, beside.v, flown[:, None]], axis=1)
+        states = np.concatenate([at_near.q, at_near.v, flown[:, None]], axis=1)
         _, one, each = np.unique(states, axis=0, return_index=True, return_inverse=True)
-        there = changes.of_motions(beside.rows(one), flown[one], effects=False).rows(each.ravel())
+        there = changes.of_motions(at_near.rows(one), flown[one], effects=False).rows(each.ravel())
         ours = changes.of_motions(first, flown, effects=False)
         moved = run.rows((slice(None), slice(ours.q.shape[1]))).plus(ours.minus(there))
         begins = np.minimum(begins, self._first_contact((ours, moved), begins))
         in_air = np.arange(ours.q.shape[1]) <= begins[:, None]
-        for whole, part, begun in ((run.q, moved.q, first.q), (run.v, moved.v, first.v)):
+        for whole, part, initial in ((run.q, moved.q, first.q), (run.v, moved.v, first.v)):
             whole[:, : part.shape[1]][in_air] = part[in_air]
-            whole[:, 0] = begun
+            whole[:, 0] = initial
         self._go_on(run, begins, steps, changes.dt)
         return run
 

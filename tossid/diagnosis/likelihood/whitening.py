@@ -109,12 +109,12 @@ def linearise(
             break
         some = best.windows.rows(poor)
         if turn == 0:
-            begun = _followed(some, world, n_threads)
+            restarted = _followed(some, world, n_threads)
         else:
             at_q, at_v = moved_state(some.at_q, some.at_v, _perturbations(some, best.by_state[poor], rng))
-            begun = replace(some, at_q=at_q, at_v=at_v)
+            restarted = replace(some, at_q=at_q, at_v=at_v)
         # nearly right derivatives do not lead from one mode of an impact to another
-        tried = _Estimate(begun, world, best.other[poor], best.expected, n_threads, exact=True)
+        tried = _Estimate(restarted, world, best.other[poor], best.expected, n_threads, exact=True)
         tried.refine(settings.restart_steps)
         better = tried.cost < best.cost[poor]
         tried.renew(np.flatnonzero(better))
