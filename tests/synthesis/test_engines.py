@@ -12,8 +12,7 @@ import pytest
 from tossid.errors import ConfigError, InputError
 from tossid.objects import ObjectModel, load_object
 from tossid.physics.effects import World, effect_named
-from tossid.settings.contact import ContactSettings
-from tossid.settings.synthesis import BulletEngine, DrakeEngine, LcpEngine
+from tossid.settings.synthesis import BulletEngine, DrakeEngine
 from tossid.synthesis.engines import ENGINES
 from tossid.synthesis.foreign_engines import (
     MODULES,
@@ -33,16 +32,6 @@ def test_an_object_falls_as_gravity_says(name: str) -> None:
     assert (done.q.shape, done.v.shape, done.unsolved) == ((1, 51, 7), (1, 51, 6), 0)
     np.testing.assert_allclose(done.q[0, -1, :3], [0, 0, 2.0 - 0.5 * 3.0 * 0.5**2], atol=5e-3)
     np.testing.assert_allclose(done.v[0, -1, :3], [0, 0, -3.0 * 0.5], atol=1e-9)
-
-
-@pytest.mark.parametrize("speed", [0.02, 0.05])
-def test_lcp_takes_the_thresholds_of_contact(speed: float) -> None:
-    """What begins 1 mm in the ground comes out at the recovery speed."""
-    cube = load_object("cube")
-    q0 = np.array([[0.0, 0.0, cube.width / 2 - 1e-3, 1.0, 0.0, 0.0, 0.0]])
-    engine = LcpEngine(contact=ContactSettings(recovery_speed=speed))
-    done = ENGINES["lcp"].simulate(engine, World(cube), q0, np.zeros((1, 6)), n_steps=4, dt=0.005)
-    assert done.q[0, -1, 2] - q0[0, 2] == pytest.approx(0.02 * speed, rel=0.15)
 
 
 DT, STEPS = 1 / 148, 20

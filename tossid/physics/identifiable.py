@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.objects import ObjectModel
-from tossid.physics.batch import TreeBatch, mass_matrices, tree_batch
+from tossid.physics.batch import mass_matrices, tree_batch
 from tossid.physics.system import make_system
-from tossid.rotations import skew
 
 Array = NDArray[np.float64]
 
@@ -98,21 +97,6 @@ def base_parameters(model: ObjectModel) -> BaseParameters:
         rest = [(row[j], words[j]) for j in np.flatnonzero(row) if j != first]
         names.append(" ".join([words[first], *(f"{'+' if x > 0 else '-'} {abs(x):.4g} {word}" for x, word in rest)]))
     return BaseParameters(tuple(names), rows)
-
-
-def energy_rows(motion: TreeBatch, model: ObjectModel, inertia: Array) -> Array:
-    """Rows (N, 6 n_b, nv) whose squares, applied to a velocity, are twice the kinetic energy.
-
-    Args:
-        motion: Of `tree_batch`.
-        model: Its masses and centres of mass.
-        inertia: (n_b, 3, 3) of each body about its centre of mass, in its frame [kg m²].
-    """
-    turning, going = motion.X[:, :, :3], motion.X[:, :, 3:]
-    by_mass = np.sqrt(model.mass)[:, None, None] * (going - skew(model.com) @ turning)
-    by_inertia = np.linalg.cholesky(inertia).swapaxes(-1, -2) @ turning
-    rows = np.concatenate([by_mass, by_inertia], axis=2)
-    return rows.reshape(len(rows), 6 * len(inertia), rows.shape[-1])
 
 
 def inertia_about_com(model: ObjectModel) -> Array:

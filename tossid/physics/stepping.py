@@ -17,7 +17,6 @@ from tossid.physics.solvers.cones import ExactCone
 from tossid.physics.solvers.registry import ContactSolver, check_solver
 from tossid.physics.system import System
 from tossid.physics.time_step import Engine, Simulation, StepSettings, Tosses, simulate_part
-from tossid.settings.contact import ContactSettings
 
 Array = NDArray[np.float64]
 
@@ -38,7 +37,6 @@ def simulate(
     impact_parts: int = 1,
     solver: ContactSolver = EXACT_CONE,
     tolerance: float = TOLERANCE,
-    contact: ContactSettings = ContactSettings(),
     n_threads: int = 1,
 ) -> Simulation:
     """The motion of a batch of tosses.
@@ -51,11 +49,10 @@ def simulate(
         dt: time between frames [s], at least `substeps` steps each.
         substeps: steps in a frame.
         impact_parts: more than 1 for impacts where they happen: a step in which a corner crosses the ground at more
-            than `contact.impact_speed` ends there or, where contact gives way, is cut in so many.
+            than `IMPACT_SPEED` (`contact.law`) ends there or, where contact gives way, is cut in so many.
         solver: of the contact problem: `ExactCone()`, `PolyhedralCone(n_directions=8)`, or one's own
             (`solvers.register_solver`).
         tolerance: on the contact problem's KKT error [m/s].
-        contact: speeds and heights that decide between cases of contact.
         n_threads: tosses are split over this many threads.
 
     Returns:
@@ -76,7 +73,7 @@ def simulate(
     if (steps < 1).any() or substeps < 1 or impact_parts < 1 or not dt > 0:
         raise InputError("a simulation needs dt > 0, and at least one step a toss, one substep a step and one part")
     check_solver(solver, relaxed=system.law.lifting > 0)
-    model, law, k_res = _prepared(_ById(system), contact, dt / substeps)
+    model, law, k_res = _prepared(_ById(system), dt / substeps)
     settings = StepSettings(float(dt), substeps, impact_parts, tolerance)
     engine = Engine(model, law, k_res, solver, settings, at_impacts=impact_parts > 1 and law.rigid)
     T, nc = int(steps.max()), system.n_corners
@@ -111,7 +108,7 @@ class _ById:
 
 
 @lru_cache(maxsize=16)
-def _prepared(by_id: _ById, contact: ContactSettings, step: float) -> tuple[Body | Links, ContactLaw, Network]:
+def _prepared(by_id: _ById, step: float) -> tuple[Body | Links, ContactLaw, Network]:
     """What the kernels read of a system, made once: single frames of a few motions cost little more than it does.
 
     The system's arrays become read-only: a change in place would not be seen.
@@ -121,4 +118,4 @@ def _prepared(by_id: _ById, contact: ContactSettings, step: float) -> tuple[Body
         if isinstance(part, np.ndarray):
             part.flags.writeable = False
     model = make_body(system) or make_links(system)
-    return model, make_contact_law(system, contact, step), make_network(system.k_res)
+    return model, make_contact_law(system, step), make_network(system.k_res)

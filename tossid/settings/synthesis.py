@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from tossid.settings.contact import ContactSettings
 from tossid.settings.kinds import (
     Bounds,
     Checked,
@@ -17,7 +16,6 @@ from tossid.settings.kinds import (
     Seed,
     Span,
     advanced,
-    advanced_part,
 )
 from tossid.settings.limits import Gravity
 from tossid.settings.rendering import RenderSettings
@@ -35,8 +33,6 @@ class LcpEngine:
     """0: the exact friction cone; 4, 6, 8, …: the polyhedral cone of so many directions"""
     impact_parts: Count = advanced(8)
     """parts of a time step in which contact gives way, where impacts have a duration"""
-    contact: ContactSettings = advanced_part(ContactSettings)
-    """speeds and heights that decide between cases of contact"""
 
 
 @dataclass(frozen=True)

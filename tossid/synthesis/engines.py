@@ -59,7 +59,6 @@ def _lcp(engine: LcpEngine, world: World, q0: Array, v0: Array, *, n_steps: int,
         dt=dt,
         substeps=engine.substeps,
         impact_parts=engine.impact_parts,
-        contact=engine.contact,
         solver=PolyhedralCone(engine.directions) if engine.directions else ExactCone(),
         n_threads=os.cpu_count() or 1,
     )

@@ -13,9 +13,9 @@ from tests.models.made import DT, thrown
 from tests.physics.worlds import energy
 from tossid.objects import ObjectModel, corner_positions
 from tossid.physics import make_system, simulate
+from tossid.physics.contact.law import IMPACT_SPEED, TOUCHING_HEIGHT
 from tossid.physics.effects import World
 from tossid.rotations import quat_exp, quat_to_matrix, skew
-from tossid.settings.contact import ContactSettings
 
 HALF, G = 0.0524, 9.81
 
@@ -24,7 +24,7 @@ HALF, G = 0.0524, 9.81
 def test_a_flat_drop_rebounds_from_where_it_touches(cube: ObjectModel, height: float) -> None:
     """Newton's restitution at the time of impact, v' = e sqrt(2 g z), wherever steps begin.
 
-    A corner strikes from `touching_height`, 5e-5 m, above the ground: at 0.77 m/s and more, 6e-4 m/s or less too slow.
+    A corner strikes from `TOUCHING_HEIGHT`, 5e-5 m, above the ground: at 0.77 m/s and more, 6e-4 m/s or less too slow.
     """
     e = 0.5
     q = np.array([[0, 0, HALF + height, 1, 0, 0, 0.0]])
@@ -49,20 +49,26 @@ def test_impacts_are_no_earlier_in_short_steps(cube: ObjectModel) -> None:
     np.testing.assert_allclose(run.v[:, -1, 2], e * landing - G * (17 * DT - landing / G), atol=5e-5)
 
 
-def test_heights_and_speeds_that_make_an_impact_are_the_callers(cube: ObjectModel) -> None:
-    """From 0.04 mm at 0.3 m/s: struck there, or where it has come to the ground; a slow one is no impact."""
-    height, speed = 4e-5, 0.3
+@pytest.mark.parametrize("height", [0.8 * TOUCHING_HEIGHT, 2.0 * TOUCHING_HEIGHT])
+def test_what_nearly_touches_strikes_there(cube: ObjectModel, height: float) -> None:
+    """At 0.3 m/s: at once, or where it has come as near to the ground."""
+    speed = 0.3
     q, v0 = np.array([[0, 0, HALF + height, 1, 0, 0, 0.0]]), np.array([[0, 0, -speed, 0, 0, 0.0]])
     system = make_system(cube.with_changes(restitution=0.5, friction=0.0))
-    landing = np.sqrt(speed**2 + 2 * G * height)
-    fall = (landing - speed) / G
-    expected = {5e-5: 0.5 * speed - G * DT, 1e-6: 0.5 * landing - G * (DT - fall)}
-    for touching, after in expected.items():
-        settings = ContactSettings(touching_height=touching)
-        run = simulate(system, q, v0, n_steps=1, dt=DT, impact_parts=8, contact=settings)
-        assert run.v[0, -1, 2] == pytest.approx(after, abs=2e-5)
-    slow = simulate(system, q, v0, n_steps=1, dt=DT, impact_parts=8, contact=ContactSettings(impact_speed=5.0))
-    assert abs(slow.v[0, -1, 2] - expected[1e-6]) > 0.01  # felt at the end of the step
+    way = height if height > TOUCHING_HEIGHT else 0.0
+    landing = np.sqrt(speed**2 + 2 * G * way)
+    run = simulate(system, q, v0, n_steps=1, dt=DT, impact_parts=8)
+    assert run.v[0, -1, 2] == pytest.approx(0.5 * landing - G * (DT - (landing - speed) / G), abs=2e-5)
+
+
+def test_what_comes_down_slowly_is_no_impact(cube: ObjectModel) -> None:
+    """It is felt at the end of a step, and does not end it."""
+    system, gap = make_system(cube.with_changes(friction=0.0), gravity=0.0), 2e-4
+    for speed, ends in ((1.5 * IMPACT_SPEED, True), (0.5 * IMPACT_SPEED, False)):
+        q, v0 = np.array([[0, 0, HALF + gap, 1, 0, 0, 0.0]]), np.array([[0, 0, -speed, 0, 0, 0.0]])
+        run = simulate(system, q, v0, n_steps=1, dt=DT, impact_parts=8)
+        assert (abs(run.v[0, -1, 2]) < 1e-9) == ends
+        assert -gap / DT - 1e-6 < run.v[0, -1, 2] < 1e-9
 
 
 # ---------------------------------------------------------------- in parts

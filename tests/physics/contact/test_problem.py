@@ -8,11 +8,10 @@ import pytest
 from tests.physics.worlds import energy
 from tossid.objects import ObjectModel, corner_positions
 from tossid.physics import ExactCone, PolyhedralCone, make_system, simulate
-from tossid.physics.contact.law import Law
+from tossid.physics.contact.law import ADHESION_REACH, BOUNCE_SPEED, RECOVERY_SPEED, Law
 from tossid.physics.effects import World
 from tossid.physics.effects.in_mujoco import toss_in_mujoco
 from tossid.physics.solvers import ContactSolver
-from tossid.settings.contact import ContactSettings
 
 HALF = 0.0524
 
@@ -139,32 +138,29 @@ def test_what_begins_in_rigid_ground_comes_out_slowly(cube: ObjectModel, solver:
     system = make_system(cube)
     run = simulate(system, FLAT - [0, 0, 1e-3, 0, 0, 0, 0], np.zeros((1, 6)), n_steps=80, dt=1e-3,
                    tolerance=1e-11, solver=solver)  # fmt: skip
-    assert np.abs(run.v[0, :, 2]).max() < 1.05 * ContactSettings().recovery_speed
-    np.testing.assert_allclose(HALF - run.q[0, 10, 2], 1e-3 - 0.010 * ContactSettings().recovery_speed, atol=5e-5)
+    assert np.abs(run.v[0, :, 2]).max() < 1.05 * RECOVERY_SPEED
+    np.testing.assert_allclose(HALF - run.q[0, 10, 2], 1e-3 - 0.010 * RECOVERY_SPEED, atol=5e-5)
     np.testing.assert_allclose(run.q[0, 70:, 2], HALF, atol=1e-5)
 
 
-def dropped(
-    model: ObjectModel, height: float, speed: float, steps: int, settings: ContactSettings, law: Law = Law()
-) -> tuple[float, float]:
+def dropped(model: ObjectModel, height: float, speed: float, steps: int, law: Law = Law()) -> tuple[float, float]:
     """Height [m] and speed [m/s] of a flat cube after steps of 1 ms without gravity."""
     start, v0 = FLAT + np.array([0, 0, height, 0, 0, 0, 0]), np.array([[0, 0, speed, 0, 0, 0.0]])
     system = World(model, gravity=0.0, law=law).system()
-    run = simulate(system, start, v0, n_steps=steps, dt=1e-3, tolerance=1e-11, contact=settings)
+    run = simulate(system, start, v0, n_steps=steps, dt=1e-3, tolerance=1e-11)
     return float(run.q[0, -1, 2]) - HALF, float(run.v[0, -1, 2])
 
 
-def test_speeds_and_heights_of_contact_are_the_callers(cube: ObjectModel) -> None:
-    """Of restitution, of what begins in the ground, and of adhesion, each with two numbers."""
+def test_speeds_and_heights_decide_between_cases_of_contact(cube: ObjectModel) -> None:
+    """Of restitution, of what begins in the ground, and of adhesion."""
     bouncy = cube.with_changes(restitution=0.5)
-    for threshold, speed in ((0.02, 0.15), (0.4, 0.0)):
-        _, found = dropped(bouncy, 1e-5, -0.3, 3, ContactSettings(bounce_speed=threshold))
+    for approach, speed in ((2 * BOUNCE_SPEED, BOUNCE_SPEED), (0.9 * BOUNCE_SPEED, 0.0)):
+        _, found = dropped(bouncy, 1e-5, -approach, 3)
         assert found == pytest.approx(speed, abs=1e-6)
-    for recovery in (0.02, 0.05):
-        height, _ = dropped(cube, -1e-3, 0.0, 10, ContactSettings(recovery_speed=recovery))
-        assert height + 1e-3 == pytest.approx(0.010 * recovery, rel=0.11)  # the first step finds the depth
-    for reach, pulled in ((5e-4, True), (1e-4, False)):
-        _, found = dropped(cube, 2e-4, 0.0, 1, ContactSettings(adhesion_reach=reach), Law(adhesion=0.8))
+    height, _ = dropped(cube, -1e-3, 0.0, 10)
+    assert height + 1e-3 == pytest.approx(0.010 * RECOVERY_SPEED, rel=0.11)  # the first step finds the depth
+    for height, pulled in ((0.4 * ADHESION_REACH, True), (1.1 * ADHESION_REACH, False)):
+        _, found = dropped(cube, height, 0.0, 1, Law(adhesion=0.8))
         assert (found < 0) == pulled
 
 

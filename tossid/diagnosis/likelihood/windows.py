@@ -27,7 +27,6 @@ from tossid.diagnosis.likelihood.slow_errors import inverse_factors, slow_covari
 from tossid.motion.resting import rest_scatter
 from tossid.objects import ObjectModel, corner_heights
 from tossid.physics.effects import World
-from tossid.settings.contact import ContactSettings
 from tossid.settings.diagnosis.likelihood import LikelihoodSettings, SimulationSettings
 from tossid.types import Toss, frame_time
 
@@ -40,7 +39,6 @@ class Steps(TypedDict):
     substeps: int
     impact_parts: int
     tolerance: float
-    contact: ContactSettings
 
 
 def steps_of(world: World, settings: SimulationSettings = SimulationSettings()) -> Steps:
@@ -51,12 +49,7 @@ def steps_of(world: World, settings: SimulationSettings = SimulationSettings()) 
         settings: The numbers.
     """
     parts = settings.impact_parts if world.object.compliance == 0 else settings.compliant_impact_parts
-    return {
-        "substeps": settings.substeps,
-        "impact_parts": parts,
-        "tolerance": settings.tolerance,
-        "contact": settings.contact,
-    }
+    return {"substeps": settings.substeps, "impact_parts": parts, "tolerance": settings.tolerance}
 
 
 @dataclass(frozen=True)

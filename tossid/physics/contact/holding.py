@@ -6,6 +6,7 @@ import math
 
 from tossid.kernels import fused_lean_kernel, lean_kernel
 from tossid.physics.cholesky import solve_rates
+from tossid.physics.contact.law import ADHESION_REACH
 from tossid.physics.contact.problem import FAR
 from tossid.physics.moving import inverse_mass, n_rates, spin_row
 
@@ -29,12 +30,12 @@ def resist(impulse, L, row, y, xi):  # type: ignore[no-untyped-def]
 def adhere(model, law, work, s, corners, h):  # type: ignore[no-untyped-def]
     """Adhesion's pull on the free s.u and s.xi.
 
-    Every corner that carried load in the last step, or is within `adhesion_reach`, is pulled down by the same force:
+    Every corner that carried load in the last step, or is within `ADHESION_REACH`, is pulled down by the same force:
     u_n -= h f / m, xi -= h f S^-1 tau_n.
     """
     nx, y, pull = n_rates(model), corners.g, h * law.beyond.adhesion
     for c in range(corners.state.shape[0]):
-        near = corners.height[c] < law.adhesion_reach or corners.warm[c, 0] > 0.0
+        near = corners.height[c] < ADHESION_REACH or corners.warm[c, 0] > 0.0
         if pull != 0.0 and near and corners.state[c] != FAR:
             for x in range(nx):
                 y[x] = corners.tau[c, 0, x]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from tossid.kernels import inlined_kernel
+from tossid.physics.contact.law import IMPACT_SPEED
 from tossid.physics.contact.problem import FAR, velocity
 from tossid.physics.moving import common_velocity, n_rates, turning
 
@@ -30,12 +31,12 @@ def first_impact(model, law, work, s, corners, strikes, impact_parts, h):  # typ
     """What becomes of a step of length h that is to begin: (parts, strike, length of each part [s], lands).
 
     Rigid contact: the step ends where the first corner touches, z + v t + a t²/2 = 0; if one that comes down at more
-    than `impact_speed` touches already, a strike is due, of no length. Contact that gives way: `impact_parts` parts,
+    than `IMPACT_SPEED` touches already, a strike is due, of no length. Contact that gives way: `impact_parts` parts,
     if a corner crosses the ground. A corner lands if it comes to the ground in the step, too slowly for a strike.
     After `find_corners`.
     """
     length, parts, strike, lands = h, 1, False, False
-    lowest, touching, fast = 0.0, law.touching_height, law.impact_speed
+    lowest, touching, fast = 0.0, law.touching_height, IMPACT_SPEED
     for c in range(corners.state.shape[0]):
         if corners.state[c] == FAR:
             continue

@@ -17,15 +17,26 @@ from tossid.kernels import fused_inlined_kernel, inlined_kernel, lean_kernel
 
 if TYPE_CHECKING:
     from tossid.physics.system import System
-    from tossid.settings.contact import ContactSettings
 
 Array = NDArray[np.float64]
 
 UNKNOWN = 1.0
 """Stands for the depth of the ground below a corner whose toss has not begun; true depths are not positive."""
-TOUCHING_SPEED = 0.03
-"""In short steps a corner touches the ground up to so many metres per second times the step, if that is less than
-`ContactSettings.touching_height`: a height that stays would have impacts the earlier, the shorter steps are."""
+BOUNCE_SPEED = 0.02
+"""Speed of approach below which restitution does not act [m/s], that of a fall from 0.02 mm: without it, a body at rest
+would bounce on in ever shorter bounces. Own choice; Box2D has the same threshold, at 1 m/s."""
+RECOVERY_SPEED = 0.02
+"""Speed at which a corner that begins in rigid ground comes out of it [m/s]: recorded states lie in the ground by their
+noise, and depth over time step would be a kick. Own choice; Chrono and ODE limit the same speed."""
+IMPACT_SPEED = 0.1
+"""Speed at which a corner has to cross the ground for a time step to end there [m/s], where steps end at impacts
+(docs/adr/0010): a slower one moves less than 0.2 mm in a step of 1/592 s. Own choice."""
+TOUCHING_HEIGHT, TOUCHING_SPEED = 5e-5, 0.03
+"""Height up to which a corner touches rigid ground, where steps end at impacts [m]: an impact at 0.8 m/s is then too
+slow by at most 6e-4 m/s. In short steps it is less, so many metres per second times the step: a height that stays would
+have impacts the earlier, the shorter steps are. Own choice."""
+ADHESION_REACH = 5e-4
+"""Height up to which adhesion pulls at a corner that carried no load in the last step [m]. Own choice."""
 
 
 class Law(NamedTuple):
@@ -81,11 +92,7 @@ class ContactLaw(NamedTuple):
         rigid: whether nothing yields.
         varied: whether `beyond` differs from a constant friction.
         beyond: contact beyond a constant friction.
-        bounce_speed: as of `ContactSettings` [m/s], as the next two.
-        recovery_speed: how fast ground rises in which a toss began.
-        impact_speed: from which on an impact ends a step.
         touching_height: up to which a corner touches [m].
-        adhesion_reach: up to which adhesion pulls at what carried no load [m].
     """
 
     mu: Array
@@ -96,19 +103,14 @@ class ContactLaw(NamedTuple):
     rigid: bool
     varied: bool
     beyond: Law
-    bounce_speed: float
-    recovery_speed: float
-    impact_speed: float
     touching_height: float
-    adhesion_reach: float
 
 
-def make_contact_law(system: System, settings: ContactSettings, step: float) -> ContactLaw:
+def make_contact_law(system: System, step: float) -> ContactLaw:
     """The law of contact of a system.
 
     Args:
         system: the simulator's parameters.
-        settings: speeds and heights that decide between cases.
         step: length of a time step [s].
     """
     return ContactLaw(
@@ -120,11 +122,7 @@ def make_contact_law(system: System, settings: ContactSettings, step: float) -> 
         rigid=system.compliance == 0.0 and system.relaxation == 0.0,
         varied=system.law.acts,
         beyond=Law(*map(float, system.law)),
-        bounce_speed=float(settings.bounce_speed),
-        recovery_speed=float(settings.recovery_speed),
-        impact_speed=float(settings.impact_speed),
-        touching_height=min(float(settings.touching_height), TOUCHING_SPEED * step),
-        adhesion_reach=float(settings.adhesion_reach),
+        touching_height=min(TOUCHING_HEIGHT, TOUCHING_SPEED * step),
     )
 
 
@@ -158,12 +156,12 @@ def above_ground(law, z, c, sunk, h):  # type: ignore[no-untyped-def]
     """Height of corner c at z over the ground as it is below that corner.
 
     Recorded states lie in the ground by their noise, and phi / h of that depth would be a kick. So rigid ground is as
-    deep as the corner where a toss begins in it, and rises at `recovery_speed`. Compliant ground needs no such care.
+    deep as the corner where a toss begins in it, and rises at `RECOVERY_SPEED`. Compliant ground needs no such care.
     """
     if sunk[c] == UNKNOWN:
         sunk[c] = min(z, 0.0) if law.rigid else 0.0
     elif sunk[c] < 0.0:
-        sunk[c] = min(sunk[c] + law.recovery_speed * h, 0.0)
+        sunk[c] = min(sunk[c] + RECOVERY_SPEED * h, 0.0)
     return z - sunk[c]
 
 
@@ -177,7 +175,7 @@ def normal_target(law, phi, free, before, h, bounces, done):  # type: ignore[no-
         free: J_n v_free, the normal velocity without contact [m/s].
         before: J_n v, the normal velocity at the step's start [m/s].
         h: length of the step [s].
-        bounces: whether restitution acts at any approach, not only below `impact_speed`.
+        bounces: whether restitution acts at any approach, not only below `IMPACT_SPEED`.
         done: share of an impact that a part of it ends with, if it is resolved in parts; else 0.
 
     Returns:
@@ -185,12 +183,12 @@ def normal_target(law, phi, free, before, h, bounces, done):  # type: ignore[no-
     """
     if done > 0.0 and phi <= 0.0:  # eq. 8: equal shares of rest and bounce
         target = free - (1.0 - done) * min(0.0, before)
-        if before < -law.bounce_speed:
+        if before < -BOUNCE_SPEED:
             target += done * law.restitution * before
         return target, 0.0
     target = phi / h + free
     if law.restitution > 0.0:
-        if target < 0.0 and before < -law.bounce_speed and (bounces or before > -law.impact_speed):
+        if target < 0.0 and before < -BOUNCE_SPEED and (bounces or before > -IMPACT_SPEED):
             target = min(target, free + law.restitution * before)  # Newton: J_n v' >= -e J_n v
         return target, 0.0
     if target < 0.0 or phi < 0.0:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from tossid.kernels import fused_kernel, inlined_kernel
 from tossid.physics.contact.law import (
+    RECOVERY_SPEED,
     UNKNOWN,
     above_ground,
     friction_coefficient,
@@ -202,7 +203,7 @@ def find_gaps(model, law, work, s, corners, at_impacts, midpoint, h, step):  # t
         if law.rigid and z < 0.0:
             z *= h / max(h, step)  # comes out within a whole step
         elif at_impacts and not flies:
-            z = min(z, law.recovery_speed * h)  # is on the ground, and recovers there
+            z = min(z, RECOVERY_SPEED * h)  # is on the ground, and recovers there
         if at_impacts and corners.state[c] != FAR and law.beyond.lifting == 0.0:
             before = velocity(corners.tau, c, 0, s.u_start, s.xi_start, nx)
             if midpoint and flies:

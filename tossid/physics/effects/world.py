@@ -24,7 +24,6 @@ from tossid.physics.registered_forces import RegisteredForce, combined
 from tossid.physics.stepping import TOLERANCE, simulate
 from tossid.physics.system import System, make_system
 from tossid.rotations import quat_conj, quat_exp, quat_mul, quat_rotate
-from tossid.settings.contact import ContactSettings
 
 Array = NDArray[np.float64]
 
@@ -236,7 +235,6 @@ class World:
         substeps: int,
         impact_parts: int = 1,
         tolerance: float = TOLERANCE,
-        contact: ContactSettings = ContactSettings(),
         near: tuple[Array, Array] | None = None,
         n_threads: int = 1,
     ) -> Array:
@@ -257,7 +255,6 @@ class World:
                 substeps=substeps,
                 impact_parts=impact_parts,
                 tolerance=tolerance,
-                contact=contact,
                 n_threads=n_threads,
             )
             if not run.finite.all():

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from tossid.settings.contact import ContactSettings
 from tossid.settings.kinds import Bounds, Count, Fraction, Positive, advanced_part
 
 
@@ -62,8 +61,6 @@ class SimulationSettings:
     tolerance: Positive = 1e-5
     """contact solver's tolerance [m/s]: nine windows in ten move by less than 5 % of the poses' noise against 1e-7,
     for half of the work"""
-    contact: ContactSettings = advanced_part(ContactSettings)
-    """speeds and heights that decide between cases of contact"""
 
 
 @dataclass(frozen=True, kw_only=True)
