@@ -76,11 +76,19 @@ def kernel(
         )
     options = _options(fastmath=fastmath, allocates=allocates, inlined=inlined, from_python=from_python)
     compiled: Any = numba.njit(nogil=True, **options)(function)
-    if keep and hasattr(compiled, "enable_caching"):  # a plain function where NUMBA_DISABLE_JIT is set
+    if not hasattr(compiled, "enable_caching"):  # a plain function where NUMBA_DISABLE_JIT is set
+        return compiled
+    compiled.get_call_template = partial(_without_literals, compiled.get_call_template)
+    if keep:
         with suppress(RuntimeError):  # no folder can be written to
             compiled._cache = _Cache(function)
             compiled.compile = partial(_compile, compiled.compile, compiled._cache)
     return compiled
+
+
+def _without_literals(template: Callable[..., Any], args: Sequence[Any], kws: dict[str, Any]) -> Any:
+    """Numba's choice of a compiled function for a call, by types alone: it would compile one for each constant, too."""
+    return template(tuple(map(types.unliteral, args)), {name: types.unliteral(kind) for name, kind in kws.items()})
 
 
 def _options(*, fastmath: frozenset[str], allocates: bool, inlined: bool, from_python: bool) -> Any:

@@ -169,7 +169,7 @@ def simulate_tosses(engine, tosses, out, work, s, corners, first, last):  # type
             s.v[i] = tosses.v[toss, i]
         begin_toss(corners, dt / engine.settings.substeps)
         record_state(s, out, toss, 0)
-        frame, quiet = np.int64(0), np.int64(0)  # (of literals, Numba would compile what they are handed to twice)
+        frame = quiet = 0
         while frame < tosses.n_steps[toss] and quiet < QUIET:
             quiet = advance_frame(engine, work, s, corners, out, toss, frame, quiet)
             if not out.finite[toss]:
@@ -202,8 +202,8 @@ def advance_frame(engine, work, s, corners, out, toss, frame, quiet):  # type: i
     quiet: steps after which the object has been at rest so far. Returns the same at the frame's end.
     """
     settings, law = engine.settings, engine.law
-    rest, strikes = settings.dt, np.int64(0)
-    step = Step(settings.dt / settings.substeps, np.int64(1), False, False, False, True)  # type: ignore[arg-type]
+    rest, strikes = settings.dt, 0
+    step = Step(settings.dt / settings.substeps, 1, False, False, False, True)
     while rest > 1e-9 * settings.dt:
         step = next_event(engine, work, s, corners, step, rest, strikes)
         n, touched, status, kkt_error = contact_solve(engine, work, s, corners, step)
@@ -232,7 +232,7 @@ def next_event(engine, work, s, corners, step, rest, strikes):  # type: ignore[n
     h, parts, struck, midpoint, low = step.h, step.parts - 1, False, False, False
     decided = parts > 0 or settings.impact_parts == 1
     if parts == 0:
-        parts, h = np.int64(1), settings.dt / settings.substeps
+        parts, h = 1, settings.dt / settings.substeps
         if engine.at_impacts:
             h = rest / max(1.0, math.ceil(rest / h - 1e-6))
     again, first, regular = True, True, True
@@ -294,7 +294,7 @@ def contact_solve(engine, work, s, corners, step):  # type: ignore[no-untyped-de
     """
     model, law, beyond = engine.model, engine.law, engine.law.beyond
     resists = beyond.torsional != 0.0 or beyond.rolling != 0.0
-    n, touched, status, kkt_error, left = np.int64(0), False, 0, 0.0, repeats(engine, step, resists)
+    n, touched, status, kkt_error, left = 0, False, 0, 0.0, repeats(engine, step, resists)
     if step.low:
         find_rows(model, work, s, corners, beyond.rounding)
     for turn in range(1 + left):

@@ -313,7 +313,7 @@ def assemble(model, law, work, s, corners, step, bounces, done):  # type: ignore
     step: a `Step`. bounces: restitution acts at any approach. done: share of an impact that a part of it ends with.
     """
     nx, V, tau = n_rates(model), corners.V, corners.tau
-    n, pressed = np.int64(0), False  # a literal zero would have Numba compile what it is handed to twice
+    n, pressed = 0, False
     for c in range(corners.state.shape[0]):
         if corners.state[c] != CANDIDATE:
             continue
@@ -329,7 +329,7 @@ def assemble(model, law, work, s, corners, step, bounces, done):  # type: ignore
         corners.chosen[n] = c
         n += 1
     if not pressed:
-        return np.int64(0)
+        return 0
     slack = law.compliance / (step.h * recovery_time(law, step.h))
     delassus(corners, n, nx, inverse_mass(model, work), slack)
     return n

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from tossid.kernels import inlined_kernel
 from tossid.physics.contact.problem import CANDIDATE, FAR, LOW, assemble, velocity
 from tossid.physics.moving import add_impulse, inverse_mass, n_rates
@@ -89,7 +87,7 @@ def solve_part(model, law, solver, work, s, corners, step, bounces, tolerance, d
         (candidates, 0 if none is hit; touched; status; KKT error).
     """
     find_candidates(model, law, s, corners, step.h, done)
-    n, touched, status, kkt_error = np.int64(0), False, 0, 0.0
+    n, touched, status, kkt_error = 0, False, 0, 0.0
     f0, f1, f2 = 0.0, 0.0, 0.0
     for _ in range(ROUNDS):
         n = assemble(model, law, work, s, corners, step, bounces, done)
@@ -97,7 +95,7 @@ def solve_part(model, law, solver, work, s, corners, step, bounces, tolerance, d
             break
         if law.beyond.lifting > 0.0 and is_relaxed(law, corners, n):
             status, kkt_error = solve_cones(
-                corners.A, corners.V, corners.solver_index, n, tolerance, np.int64(MAX_ITERATIONS), False
+                corners.A, corners.V, corners.solver_index, n, tolerance, MAX_ITERATIONS, False
             )
         else:
             status, kkt_error = solve_contact(solver, corners.A, corners.V, corners.solver_index, n, tolerance)
@@ -118,12 +116,12 @@ def resolve_contact(model, law, solver, work, s, corners, step, bounces, toleran
     An impact may be resolved in parts (`Law.impulse_parts`). Its corners come to rest, and bounce, in equal shares of
     their speeds, and friction in each part is against the mean of the slips at its beginning and end (eq. 8).
 
-    bounces: restitution acts at any approach, not only below `impact_speed`.
+    bounces: restitution acts at any approach, not only below `IMPACT_SPEED`.
 
     Returns:
         (candidates, 0 if none is hit; touched; status; KKT error); the candidates' impulses are V[LAM].
     """
-    n, touched, status, kkt_error = np.int64(0), False, 0, 0.0
+    n, touched, status, kkt_error = 0, False, 0, 0.0
     parts = law.beyond.impulse_parts if step.strike else 1.0
     for c in range(corners.state.shape[0]):
         corners.struck[c] = 0.0
@@ -144,7 +142,7 @@ def resolve_contact(model, law, solver, work, s, corners, step, bounces, toleran
 @inlined_kernel
 def sum_of_parts(corners):  # type: ignore[no-untyped-def]
     """The impulses of an impact's parts become those of candidates; how many carried load."""
-    n, V = np.int64(0), corners.V
+    n, V = 0, corners.V
     for c in range(corners.state.shape[0]):
         if corners.struck[c] > 0.0:
             corners.chosen[n] = c

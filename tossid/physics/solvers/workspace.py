@@ -136,7 +136,7 @@ def newton_step(A, V, index, m, exact):  # type: ignore[no-untyped-def]
     Of the cone programme F is E, and the matrix is symmetric (Cholesky). Of the exact cone (`exact`) F has (1, 0, 0) in
     place of (1, mu u), so that w_n = 0 and u opposes w_t: one slipping contact makes the matrix unsymmetric (LU).
     """
-    size, symmetric = np.int64(0), True  # not a literal, of which Numba would compile a second version
+    size, symmetric = 0, True
     for i in range(m):
         k = 3 * i
         if index[KIND, i] == STICK:
