@@ -101,6 +101,17 @@ def not_containing(name: str, candidates: Iterable[Candidate]) -> list[Candidate
     return [c for c in candidates if c.effect is not None and name not in c.effect.contains]
 
 
+def with_special_cases(candidates: Sequence[Candidate], most: int) -> list[Candidate]:
+    """The first candidates, and those of the others that are special cases of one of them.
+
+    Args:
+        candidates: In their order.
+        most: How many first ones.
+    """
+    special = {name for c in candidates[:most] if c.effect is not None for name in c.effect.contains}
+    return [*candidates[:most], *(c for c in candidates[most:] if c.name in special)]
+
+
 def rival_of(sample: Sample, found: Found, name: str, candidate: Candidate) -> Rival:
     """An effect in the place of another of a found hypothesis, all fitted again.
 

@@ -41,6 +41,11 @@ class Round:
     fitted: tuple[Fitted, ...]
     joined: Fitted | None
 
+    @property
+    def effect(self) -> Effect | None:
+        """The effect that has joined; None if nothing has, or another law of contact."""
+        return None if self.joined is None else self.joined.candidate.effect
+
     def __str__(self) -> str:
         """In lines."""
         screened = (f"{c.name} {c.total:.0f} (p {c.p_value:.3f})" for c in self.screening.candidates[:6])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -133,6 +133,17 @@ class Hypothesis:
         """
         values = effect.nominal(self.world()) if values is None else values
         return replace(self, effects=(*self.effects, effect), values=(*self.values, values))
+
+    def with_all(self, effects: Iterable[tuple[Effect, Array]]) -> Hypothesis:
+        """With those of some effects that it has not yet.
+
+        Args:
+            effects: Each with its parameters (P,).
+        """
+        made = self
+        for effect, values in effects:
+            made = made if effect.name in made.names else made.plus(effect, values)
+        return made
 
     def without(self, *names: str) -> Hypothesis:
         """Without some effects.

@@ -29,6 +29,7 @@ from tossid.diagnosis.inference.alternatives import (
     simplest,
     simplest_first,
     stands,
+    with_special_cases,
 )
 from tossid.diagnosis.inference.evidence import Evidence
 from tossid.diagnosis.inference.fitting import Fit, fit
@@ -59,7 +60,6 @@ FEW = 20
 """Tosses that are searched first; the others take part where these end."""
 CLEAR = 60.0
 """Wald's statistic from which no fit without an effect is needed to keep it."""
-NONE: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -102,14 +102,14 @@ class Search:
         """Flight, then contact, from what fewer tosses have found if they were searched before."""
         sample, known = self.sample, self.stated if of_few is None else of_few.hypothesis
         flight, rounds, rivals = None, tuple[Round, ...](), dict[str, tuple[Rival, ...]]()
-        library, flown = self.library, NONE
+        library, flown = self.library, frozenset[str]()
         if not sample.windows.free.any():
             evidence = first if of_few is None else sample.evidence(known)
         else:
             flights, rounds = self._flight(first, of_few)
             # each explanation of flight is joined by what is known of contact, and contact tells them apart
             of_contact = [(e, v) for e, v in known.items() if of_few is None or e.name not in of_few.flown]
-            options = [_with_all(replace(each.fit.hypothesis, law=known.law), of_contact) for each in flights]
+            options = [replace(each.fit.hypothesis, law=known.law).with_all(of_contact) for each in flights]
             tried = [sample.evidence(option) for option in options] if options[0].effects else [first]
             best = likeliest(tried, sample, self.library)
             rivals = rivals_in_flight(flights, [sample.ratio(each, tried[best]) for each in tried], best)
@@ -133,7 +133,7 @@ class Search:
             if of_few.flight is not None and of_few.flown:
                 flight = in_air.sample.refitted(there, of_few.flight.hypothesis, iterations=6, follow=2)
         flying = [effect for effect in self.library if Phase.FLIGHT in effect.phases]
-        flight, rounds = in_air._rounds(flight, there, flying, NONE)
+        flight, rounds = in_air._rounds(flight, there, flying, frozenset())
         names, flights = flight.hypothesis.names, [FlightHypothesis(flight, "", "")]
         for each in (*rounds, *before):
             if each.joined is None or each.joined.candidate.name not in names:
@@ -147,7 +147,7 @@ class Search:
                 option = flight.hypothesis.with_replaced(name, c.effect, c.start.values_of(c.name))
                 fitted = in_air.sample.refitted(flight.evidence, option, iterations=4)
                 # what was found beside the one may be superfluous beside the other
-                fitted = in_air._pruned(fitted, there, NONE)
+                fitted = in_air._pruned(fitted, there, frozenset())
                 if c.name in fitted.hypothesis.names:
                     flights.append(FlightHypothesis(fitted, name, c.name))
         return flights, rounds
@@ -161,31 +161,34 @@ class Search:
         rounds, seen = list[Round](), {_contents(present.hypothesis)}
         while len(present.hypothesis.effects) < MOST_EFFECTS:
             rounds.append(self._round(present, first, library, held))
-            joined = rounds[-1].joined
-            if joined is None:
+            if rounds[-1].joined is None:
                 fewer = self._needed_alone(present, first, held)
                 if fewer is present:
                     break
                 present = fewer
-                if _contents(present.hypothesis) in seen:
-                    break
-                seen.add(_contents(present.hypothesis))
-                continue
-            special = () if joined.candidate.effect is None else joined.candidate.effect.contains
-            present = self._from_full_evidence(joined.fit, held)
-            # evidence that only follows a fit ranks candidates, and cannot say which of two alike is the simpler story
-            for each in (f for f in rounds[-1].fitted if f.candidate.name in special):
-                simpler = self._from_full_evidence(each.fit, held)
-                if stands(simpler.hypothesis, present.hypothesis, self.sample.gains(simpler, present), self.library):
-                    present, rounds[-1] = simpler, replace(rounds[-1], joined=each)
-            present = self._pruned(present, first, held)
-            joined_effects = [one for one in rounds if one.joined and one.joined.candidate.effect is not None]
-            if len(joined_effects) == 1 and joined_effects[0] is rounds[-1] and _is_rough(present.evidence):
-                present = self._all_at_once(present, first, rounds[-1], held)
+            else:
+                present, rounds[-1] = self._joined(rounds[-1], held)
+                present = self._pruned(present, first, held)
+                is_first = rounds[-1].effect is not None and sum(one.effect is not None for one in rounds) == 1
+                if is_first and _is_rough(present.evidence):
+                    present = self._all_at_once(present, first, rounds[-1], held)
             if _contents(present.hypothesis) in seen:
                 break
             seen.add(_contents(present.hypothesis))
         return present, tuple(rounds)
+
+    def _joined(self, made: Round, held: frozenset[str]) -> tuple[Fit, Round]:
+        """The hypothesis with what has joined, or with a special case of it that stands in its place.
+
+        That is by full evidence: what only follows a fit cannot say which of two that are alike is the simpler story.
+        """
+        assert made.joined is not None
+        present, special = self._from_full_evidence(made.joined.fit, held), made.effect.contains if made.effect else ()
+        for each in (f for f in made.fitted if f.candidate.name in special):
+            simpler = self._from_full_evidence(each.fit, held)
+            if stands(simpler.hypothesis, present.hypothesis, self.sample.gains(simpler, present), self.library):
+                present, made = simpler, replace(made, joined=each)
+        return present, made
 
     def _from_full_evidence(self, near: Fit, held: frozenset[str]) -> Fit:
         """A hypothesis fitted again from the evidence of the full procedure."""
@@ -210,11 +213,11 @@ class Search:
             return sample.evidence(c.start) if c.effect is None else evidence.relinearised(c.start, steps=2)
 
         # (first states of its own make another law likelier than a secant shows, so each that gains is tried)
-        likely = [*laws, *_with_special_cases(likely, TRIED if _is_rough(evidence) else FITTED)]
+        likely = [*laws, *with_special_cases(likely, TRIED if _is_rough(evidence) else FITTED)]
         near = dict(zip(likely, self._map(started, likely), strict=True))
         if _is_rough(evidence):
             likely.sort(key=lambda c: -sample.ratio(near[c], evidence).sum())
-            likely = _with_special_cases(likely, FITTED)
+            likely = with_special_cases(likely, FITTED)
 
         def fitted(candidate: Candidate) -> Fitted:
             start = near[candidate]
@@ -233,7 +236,7 @@ class Search:
         """All likely effects together, without those that are not needed; the present hypothesis if that is better."""
         sample, before = self.sample, one.before
         start = replace(before.hypothesis, law=present.hypothesis.law)
-        start = _with_all(start, one.screening.together(JOINT, LEAST_GAIN))
+        start = start.with_all(one.screening.together(JOINT, LEAST_GAIN))
         near = before.evidence if start.law == before.hypothesis.law else present.evidence
         joint = sample.refitted(near, start, iterations=8, follow=4, held=held)
         joint = sample.refitted(joint.evidence, joint.hypothesis, iterations=4, held=held)
@@ -296,20 +299,6 @@ class Search:
 
 def _is_rough(evidence: Evidence) -> bool:
     return bool(max(evidence.scales[[Phase.IMPACT, Phase.SLIDE]]) > ROUGH)
-
-
-def _with_special_cases(candidates: Sequence[Candidate], most: int) -> list[Candidate]:
-    """The first candidates, and those of the others that are special cases of one of them."""
-    special = {name for c in candidates[:most] if c.effect is not None for name in c.effect.contains}
-    return [*candidates[:most], *(c for c in candidates[most:] if c.name in special)]
-
-
-def _with_all(hypothesis: Hypothesis, effects: Iterable[tuple[Effect, Array]]) -> Hypothesis:
-    """A hypothesis with further effects that it has not yet."""
-    for effect, values in effects:
-        if effect.name not in hypothesis.names:
-            hypothesis = hypothesis.plus(effect, values)
-    return hypothesis
 
 
 def _contents(hypothesis: Hypothesis) -> tuple[str, frozenset[str]]:
