@@ -7,7 +7,7 @@ import shutil
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 KEYS = ["model=cnrpi", "model.horizons=[]", "epochs=12", "patience=12"]
 """A short training."""
 
-LATE_FILM = ["tosses=1", "seed=2", "camera.count=2", "camera.samples=4", "camera.clocks_s=[0,0.02]"]
-LATE_FILM += ["camera.pause_s=[0.1,0.1]", "camera.carry_s=[0.2,0.2]", "out=film"]
+FILM = ["tosses=1", "seed=2", "camera.count=2", "camera.samples=4", "camera.clocks_s=[0,0.02]"]
+FILM += ["camera.pause_s=[0.1,0.1]", "camera.carry_s=[0.2,0.2]"]
 """A small recording, one of whose clocks is late."""
 
 USER = """<mujoco model="mine">
@@ -106,31 +106,28 @@ def beside(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def synthesized(tmp_path_factory: pytest.TempPathFactory, name: str, keys: Sequence[str]) -> Path:
-    """A project folder in which `tossid synthesize` has run once for all workers."""
+@pytest.fixture(scope="session")
+def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A project folder with FILM in data/raw, made once for all workers; `film` leads to it."""
 
     def make(folder: Path) -> None:
         with pytest.MonkeyPatch.context() as patch:
             patch.chdir(folder)
-            assert app.run(["synthesize", *keys, "--quiet"]) == 0
+            assert app.run(["synthesize", *FILM, "--quiet"]) == 0
+        (recording,) = (folder / "data" / "raw").iterdir()
+        (folder / "film").symlink_to(recording)
 
-    return made_once(tmp_path_factory, name, make)
-
-
-@pytest.fixture(scope="session")
-def late_film(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a small recording, one of whose clocks is late."""
-    return synthesized(tmp_path_factory, "viewed", LATE_FILM)
+    return made_once(tmp_path_factory, "film", make)
 
 
 @pytest.fixture(scope="session")
-def content(late_film: Path) -> ViewContent:
+def content(film: Path) -> ViewContent:
     """What is shown of that recording."""
     from pipelines.drawing.recording_view import recording_content
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(late_film)
-        return recording_content(load("view", ViewConfig, [f"recording={late_film / 'film'}"]), Console(quiet=True))
+        patch.chdir(film)
+        return recording_content(load("view", ViewConfig, [f"recording={film / 'film'}"]), Console(quiet=True))
 
 
 def one_line(text: str) -> str:
@@ -138,15 +135,6 @@ def one_line(text: str) -> str:
     lines = text.strip().splitlines()
     assert len(lines) == 1, text
     return lines[0]
-
-
-FILM = ["tosses=1", "camera.count=2", "camera.samples=4", "camera.pause_s=[0.1,0.1]", "camera.carry_s=[0.2,0.2]"]
-
-
-@pytest.fixture(scope="session")
-def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A project folder with one small recording in data/raw."""
-    return synthesized(tmp_path_factory, "film", FILM)
 
 
 @pytest.fixture(scope="module")

@@ -291,13 +291,13 @@ def _write_runs(checkpoint: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def workshop(made: Path, late_film: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def workshop(made: Path, film: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The working folder: a project with a finished training, and everything that the calls name."""
     folder = tmp_path_factory.mktemp("workshop")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.delenv("MLFLOW_TRACKING_URI", raising=False)
-        _write_files(made, late_film)
+        _write_files(made, film)
         yield folder
 
 

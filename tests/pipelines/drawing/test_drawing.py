@@ -33,9 +33,9 @@ from tossid.vision.detection.contact_sheet import FOUND, PLACED
 from tossid.vision.recordings.npz import read_tracks
 
 
-def test_a_recording_is_shown_as_it_was(late_film: Path, content: ViewContent) -> None:
+def test_a_recording_is_shown_as_it_was(film: Path, content: ViewContent) -> None:
     """The tracked body follows the truth, and is drawn over its tags in both cameras, late clock or not."""
-    (truth,) = read_tracks(late_film / "film" / "truth_poses.npz")
+    (truth,) = read_tracks(film / "film" / "truth_poses.npz")
     (body,) = content.moving
     true = poses_at(truth.t, truth.q, body.t)
     assert np.median(np.linalg.norm(body.p - true[:, :3], axis=1)) < 3e-4
@@ -66,12 +66,10 @@ def test_a_recording_is_shown_as_it_was(late_film: Path, content: ViewContent) -
     assert happening(content, release + 0.02).endswith("flight")
 
 
-def test_stages_files_are_shown_where_there_are_some(
-    late_film: Path, tmp_path: Path, monkeypatch: Any, answer: Any
-) -> None:
+def test_stages_files_are_shown_where_there_are_some(film: Path, tmp_path: Path, monkeypatch: Any, answer: Any) -> None:
     """Their clocks too: `track` leaves them in its set-up."""
     monkeypatch.chdir(tmp_path)
-    shutil.copytree(late_film / "film", tmp_path / "film")
+    shutil.copytree(film / "film", tmp_path / "film")
     answer("detect", "recording=film")
     answer("track", "recording=film")
     monkeypatch.setattr("pipelines.drawing.recording_view.stages.detect", None)
@@ -87,12 +85,12 @@ def test_stages_files_are_shown_where_there_are_some(
 
 
 def test_a_rerun_file_holds_it_all(
-    late_film: Path, content: ViewContent, monkeypatch: pytest.MonkeyPatch, answer: Any
+    film: Path, content: ViewContent, monkeypatch: pytest.MonkeyPatch, answer: Any
 ) -> None:
     pytest.importorskip("rerun")
     from rerun.chunk import RrdReader
 
-    monkeypatch.chdir(late_film)
+    monkeypatch.chdir(film)
     made = answer("view", "recording=film", "out=film.rrd", "every=5", "seconds=0.8")
     reader = RrdReader("film.rrd")
     rows: dict[str, int] = {}
@@ -187,8 +185,8 @@ def test_a_sheet_marks_what_was_found(content: ViewContent) -> None:
     assert (np.abs(bare - FOUND).max(axis=-1) < 10).sum() < 0.3 * marked.sum()  # the legend's alone
 
 
-def test_a_sheet_needs_no_rerun(late_film: Path, monkeypatch: pytest.MonkeyPatch, answer: Any, capfd: Any) -> None:
-    monkeypatch.chdir(late_film)
+def test_a_sheet_needs_no_rerun(film: Path, monkeypatch: pytest.MonkeyPatch, answer: Any, capfd: Any) -> None:
+    monkeypatch.chdir(film)
     monkeypatch.setitem(sys.modules, "rerun", None)  # an import that fails
     made = answer("view", "recording=film", "sheet=sheet.png", "moments=2", "start_s=0.3", "seconds=0.4")
     assert made["sheet"] == "sheet.png"
@@ -201,7 +199,7 @@ def test_a_sheet_needs_no_rerun(late_film: Path, monkeypatch: pytest.MonkeyPatch
 
 
 def test_the_viewer_listens_on_loopback_alone(
-    late_film: Path, monkeypatch: pytest.MonkeyPatch, answer: Any, tmp_path: Path
+    film: Path, monkeypatch: pytest.MonkeyPatch, answer: Any, tmp_path: Path
 ) -> None:
     started: list[list[str]] = []
     rerun_file = SimpleNamespace(
@@ -209,7 +207,7 @@ def test_the_viewer_listens_on_loopback_alone(
     )
     monkeypatch.setitem(sys.modules, "pipelines.drawing.rerun_file", rerun_file)
     monkeypatch.setattr(view.subprocess, "Popen", lambda args, **more: started.append(args))
-    monkeypatch.chdir(late_film)
+    monkeypatch.chdir(film)
     out = str(tmp_path / "film.rrd")
     answer("view", "recording=film", f"out={out}", "open=true", "every=50")
     assert started == [[sys.executable, "-m", "rerun", "--bind", "127.0.0.1", out]]
