@@ -10,7 +10,7 @@ from tests.diagnosis.conftest import FRICTION
 from tossid.diagnosis.inference.evidence import collect, log_likelihood_ratio
 from tossid.diagnosis.inference.fitting import fit
 from tossid.diagnosis.inference.hypothesis import Hypothesis
-from tossid.diagnosis.inference.sample import Sample, noise_of, reduces_deviance
+from tossid.diagnosis.inference.sample import Sample, margin, reduces_deviance
 
 
 def test_nothing_that_was_computed_before_changes_it(slippery: Sample, stated: Hypothesis) -> None:
@@ -88,6 +88,6 @@ def test_an_effect_is_needed_where_it_is_there_and_not_where_it_is_not(slippery:
     assert not reduces_deviance(made.evidence, not_there.evidence, first)
 
 
-def test_the_standard_error_of_a_sum() -> None:
-    assert noise_of(np.array([1.0, 3.0])) == pytest.approx(2.0)
-    assert noise_of(np.array([1.0])) == np.inf
+@pytest.mark.parametrize(("gain", "expected"), [([1.0, 3.0], 4.0), ([0.1, 0.1], 3.0), ([1.0], np.inf)])
+def test_two_standard_errors_are_within_the_margin_and_three_at_least(gain: list[float], expected: float) -> None:
+    assert margin(np.array(gain)) == pytest.approx(expected)

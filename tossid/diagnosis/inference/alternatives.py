@@ -12,14 +12,12 @@ from tossid.diagnosis.inference.evidence import Evidence
 from tossid.diagnosis.inference.fitting import Fit, fit
 from tossid.diagnosis.inference.found import Fitted, Found, Rival
 from tossid.diagnosis.inference.hypothesis import Hypothesis
-from tossid.diagnosis.inference.sample import LEAST_GAIN, Sample, noise_of
+from tossid.diagnosis.inference.sample import Sample, margin
 from tossid.diagnosis.inference.screening import Candidate
 from tossid.physics.effects import Effect
 
 Array = NDArray[np.float64]
 
-AHEAD = 2.0
-"""Standard errors of log-likelihood within which two hypotheses are as likely."""
 SMALL = 0.01
 """Share of a gain that is as good as nothing."""
 ALIKE, MOST_RIVALS = 0.8, 3
@@ -36,7 +34,7 @@ def stands(one: Hypothesis, other: Hypothesis, gain: Array, library: Sequence[Ef
         library: All effects; of as many parameters, those that come first are the simpler ones.
     """
     simpler = _complexity(one.effects, library) < _complexity(other.effects, library)
-    return bool(gain.sum() > (-1 if simpler else 1) * AHEAD * noise_of(gain))
+    return bool(gain.sum() > (-1 if simpler else 1) * margin(gain))
 
 
 def _complexity(effects: Sequence[Effect], library: Sequence[Effect]) -> tuple[int, list[int]]:
@@ -86,7 +84,7 @@ def simplest(fits: Sequence[Fitted]) -> Fitted | None:
         assert chosen is not None
         behind = fits[0].gain - each.gain
         fewer = len(each.fit.hypothesis.flat()) < len(chosen.fit.hypothesis.flat())
-        if fewer and behind.sum() < max(AHEAD * noise_of(behind), LEAST_GAIN, SMALL * fits[0].gain.sum()):
+        if fewer and behind.sum() < max(margin(behind), SMALL * fits[0].gain.sum()):
             chosen = each
     return chosen
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tossid.diagnosis.inference.evidence import Evidence
 from tossid.diagnosis.inference.fitting import Fit
 from tossid.diagnosis.inference.hypothesis import Hypothesis
-from tossid.diagnosis.inference.sample import noise_of
+from tossid.diagnosis.inference.sample import margin
 from tossid.diagnosis.inference.screening import Candidate, Screening
 from tossid.physics.effects import Effect
 
@@ -64,8 +64,8 @@ class Rival:
 
     @property
     def is_alike(self) -> bool:
-        """Whether the tosses cannot tell both apart: it is behind by no more than two standard errors."""
-        return bool(self.gain.sum() > -2 * noise_of(self.gain))
+        """Whether the tosses cannot tell both apart: it is behind by no more than the margin."""
+        return bool(self.gain.sum() > -margin(self.gain))
 
 
 @dataclass(frozen=True)

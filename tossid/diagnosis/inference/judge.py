@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 from scipy.stats import bootstrap
 
 from tossid.diagnosis.findings import RESAMPLES, Interval
-from tossid.diagnosis.inference.alternatives import AHEAD
 from tossid.diagnosis.inference.evidence import Evidence
 from tossid.diagnosis.inference.found import Found
 from tossid.diagnosis.inference.hypothesis import Hypothesis
-from tossid.diagnosis.inference.sample import LEAST_GAIN, Sample, noise_of
+from tossid.diagnosis.inference.sample import LEAST_GAIN, Sample, margin
 from tossid.diagnosis.inference.search import Search
 from tossid.diagnosis.likelihood.density import student_deviance
 from tossid.diagnosis.likelihood.windows import Windows
@@ -149,7 +148,7 @@ def frequencies(folds: Sequence[Fold], *, seed: int = 0) -> Frequencies:
         for name, gain in each.needed.items():
             kept = gain[drawn].sum(1) > LEAST_GAIN
             for rival in each.rivals.get(name, ()):
-                ahead = kept & (rival.gain[drawn].sum(1) > AHEAD * noise_of(rival.gain))
+                ahead = kept & (rival.gain[drawn].sum(1) > margin(rival.gain))
                 out[:, names.index(rival.effect.name)] |= ahead
                 kept = kept & ~ahead
             out[:, names.index(name)] |= kept

@@ -153,10 +153,11 @@ def reduces_deviance(one: Evidence, other: Evidence, first: Evidence) -> bool:
     return any(p.any() and closed[p].sum() > LEAST_CLOSED * whole[p].sum() for p in (free, ~free))
 
 
-def noise_of(gain: Array) -> float:
-    """Standard error of a sum over tosses.
+def margin(gain: Array) -> float:
+    """Difference of log-likelihood within which two hypotheses are as likely: two standard errors, and `LEAST_GAIN`.
 
     Args:
-        gain: (n,).
+        gain: (n,) of each toss.
     """
-    return float(np.sqrt(len(gain)) * gain.std(ddof=1)) if len(gain) > 1 else np.inf
+    noise = np.sqrt(len(gain)) * gain.std(ddof=1) if len(gain) > 1 else np.inf
+    return max(LEAST_GAIN, 2 * float(noise))

@@ -35,7 +35,7 @@ from tossid.diagnosis.inference.evidence import Evidence
 from tossid.diagnosis.inference.fitting import Fit, fit
 from tossid.diagnosis.inference.found import Fitted, Found, Rival, Round, words
 from tossid.diagnosis.inference.hypothesis import ContactLaw, Hypothesis
-from tossid.diagnosis.inference.sample import LEAST_GAIN, Sample, noise_of, reduces_deviance
+from tossid.diagnosis.inference.sample import LEAST_GAIN, Sample, margin, reduces_deviance
 from tossid.diagnosis.inference.screening import FLIPS, Candidate, Screening, screen
 from tossid.parallel import in_threads
 from tossid.physics.effects import Effect
@@ -260,9 +260,8 @@ class Search:
                 break
             without = self.sample.without(present, name, held)
             gain = self.sample.gains(present, without)
-            _log.debug("without %s: Wald %.0f, loses %.1f +- %.1f", name, wald, gain.sum(), noise_of(gain))
-            needed = gain.sum() > max(LEAST_GAIN, 2 * noise_of(gain))
-            if not (needed and reduces_deviance(present.evidence, without.evidence, first)):
+            _log.debug("without %s: Wald %.0f, loses %.1f, margin %.1f", name, wald, gain.sum(), margin(gain))
+            if gain.sum() < margin(gain) or not reduces_deviance(present.evidence, without.evidence, first):
                 return self.sample.reevaluated(without, held)
         return present
 
