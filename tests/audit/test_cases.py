@@ -55,7 +55,7 @@ def test_several_effects_at_once_are_no_two_forms_of_one() -> None:
             assert not ({*effect.contains, *effect.made_of, *effect.one_of_group} - {name}) & set(case.effects)
 
 
-def test_no_pair_is_one_effect(cube: ObjectModel) -> None:
+def test_no_pair_is_one_effect() -> None:
     pairs = [set(case.effects) for case in drawn(2000, kinds=("pair",))]
     assert {"friction", "gravity"} in pairs
     for one in (

@@ -1,13 +1,10 @@
-"""A project folder of its own for each test, and the command line as a stranger runs it."""
+"""A project folder of its own for each test, and what commands have made once for all."""
 
 from __future__ import annotations
 
 import json
 import shutil
 import sqlite3
-import subprocess
-import sys
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -50,20 +47,6 @@ USER = """<mujoco model="mine">
 MODEL = """<mujoco>{head}<worldbody><body name="base"><freejoint/><geom type="box" size="0.05 0.05 0.05"/></body>
 </worldbody></mujoco>"""
 """A box."""
-
-Run = Callable[..., "subprocess.CompletedProcess[str]"]
-
-
-@pytest.fixture
-def tossid(project: Path) -> Run:
-    """Run `tossid ARGS` in a process of its own, in the project folder."""
-
-    def run(*args: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-m", "pipelines.cli.app", *args], capture_output=True, text=True, cwd=project, timeout=120
-        )
-
-    return run
 
 
 @pytest.fixture(scope="session")

@@ -273,7 +273,7 @@ def test_the_patched_file_takes_its_meshes_and_textures_along(tmp_path: Path, cu
     assert sorted(m.tex_data[m.tex_adr].tolist()) == [0, 255]
 
 
-def test_recorded_motion_of_a_mujoco_world_is_that_of_a_world(cube: ObjectModel, users: Path) -> None:
+def test_recorded_motion_of_a_mujoco_world_is_that_of_a_world(cube: ObjectModel) -> None:
     """In flight both simulators are exact: only the recording can differ."""
     recording = RecordingErrors(1.05, 1.02, (0.004, -0.003, 0.002), (0.01, -0.02))
     ours = World(cube, recording=recording)
