@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from experiments.by_hand import die
-from experiments.by_hand.die import impacts, of_impacts
 from experiments.by_hand.die_recording import (
     flights,
     lost_in_flight,
@@ -34,31 +33,21 @@ def test_the_tables_hold_what_made_the_drops(
     out = capsys.readouterr().out
     cells = [re.split(r" *\| *", line)[1:-1] for line in out.splitlines()]
     rows = {(row[0], row[1]): row[2:] for row in cells if len(row) == 5}
-    value, interval, _ = rows["impacts of a lone corner", "rebound"]
-    low, high = map(float, interval.split(" to "))
-    assert low <= float(value) <= high
-    assert float(value) == pytest.approx(LAW.rebound, abs=0.01)
-    gravity = float(rows["flight, after the first impact", "gravity [m/s²]"][0])
-    assert gravity == pytest.approx(LAW.gravity, abs=0.05)
+    for where, figure, truth in (
+        ("flight, after the first impact", "gravity [m/s²]", pytest.approx(LAW.gravity, abs=0.05)),
+        ("impacts of a lone corner", "rebound", pytest.approx(LAW.rebound, abs=0.01)),
+        ("impacts of a lone corner", "sliding friction", pytest.approx(LAW.friction, abs=0.005)),
+        ("impacts of a lone corner", "radius of gyration² [mm²]", pytest.approx(1e6 * LAW.gyration, rel=0.02)),
+        ("impacts of a lone corner", "radius of corners, by spin [mm]", pytest.approx(1e3 * LAW.radius, abs=0.2)),
+        ("impacts of a lone corner", "radius of corners, by depth [mm]", pytest.approx(1e3 * LAW.radius, abs=0.5)),
+    ):
+        value, interval, _ = rows[where, figure]
+        assert float(value) == truth, figure
+        low, high = map(float, interval.split(" to "))
+        assert low <= float(value) <= high
     none, one, two, three, _ = re.search(r"\| first \| (.*) \|", out)[1].split(" | ")
     assert min(int(none), int(one)) > 5
     assert (two, three) == ("0", "0")
-
-
-def test_what_made_impacts_is_found_in_them(tmp_path: Path) -> None:
-    lost = [1 if k % 4 else 0 for k in range(40)]
-    rng = np.random.default_rng(0)
-    drops = [make_drop(tmp_path / f"drop_{k:02d}.txt", rng, lost=n) for k, n in enumerate(lost)]
-    hits = [hit for drop in drops for hit in impacts(drop, HALF, np.array(LAW.centre), LAW.drag)]
-    assert len(hits) > 30
-    assert [hit.lost for hit in hits] == [lost[int(hit.drop.removeprefix("drop_"))] for hit in hits]
-    assert all(hit.first for hit in hits)
-    found = of_impacts(hits)
-    assert found["rebound"] == pytest.approx(LAW.rebound, abs=0.005)
-    assert found["sliding friction"] == pytest.approx(LAW.friction, abs=0.002)
-    assert found["radius of gyration² [mm²]"] == pytest.approx(1e6 * LAW.gyration, rel=0.02)
-    assert found["radius of corners, by spin [mm]"] == pytest.approx(1e3 * LAW.radius, abs=0.2)
-    assert found["radius of corners, by depth [mm]"] == pytest.approx(1e3 * LAW.radius, abs=0.2)
 
 
 def test_frames_lost_in_flight_are_counted_where_they_are_missing(tmp_path: Path) -> None:
