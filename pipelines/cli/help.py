@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 from typer.core import TyperCommand
 
+from pipelines.config.compose import default_members
 from pipelines.config.keys import MISSING, Group, Key, all_keys, keys_of
 from pipelines.config.places import folders
 from pipelines.config.schemas import COMMANDS
@@ -50,12 +51,7 @@ def print_keys(command: str) -> None:
 
     schema = COMMANDS[command]
     values = _read(command)
-    defaults = {
-        group: member
-        for entry in values.get("defaults", [])
-        if isinstance(entry, dict)
-        for group, member in entry.items()
-    }
+    defaults = default_members(command)
     table = Table(box=None, show_header=False, padding=(0, 2, 0, 0), pad_edge=False)
     table.add_column(style="bold cyan", no_wrap=True)
     table.add_column(style="green", overflow="fold")

@@ -25,17 +25,9 @@ def run(config: AuditConfig, console: Console) -> dict[str, Any]:
     processes = min(config.workers or os.cpu_count() or 1, config.cases)
     with (
         open_workers(config.launcher, processes) as pool,
-        console.progress("auditing", config.cases, unit="cases") as bar,
+        console.shares(f"auditing {config.cases} cases") as progress,
     ):
-        done = 0
-
-        def report(text: str, share: float) -> None:
-            nonlocal done
-            now = round(share * config.cases)
-            bar.advance(now - done, note=text)
-            done = now
-
-        found = audit(config.object, out=out, settings=config, submit=pool.submit, progress=report)
+        found = audit(config.object, out=out, settings=config, submit=pool.submit, progress=progress)
     for name, problem in found.failed.items():
         console.warn(f"case {name}: {problem}")
     with tracked_run(f"audit-{out.name}", config, command="audit") as tracked:

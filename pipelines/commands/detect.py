@@ -14,7 +14,8 @@ from pipelines.cli.progress import reported
 from pipelines.config.compose import as_plain
 from pipelines.config.schemas import DetectStageConfig
 from pipelines.execution.workers import submitting
-from pipelines.files.open_source import STAGES, check_stage_name, open_stage
+from pipelines.files.open_source import STAGES, open_stage
+from pipelines.files.project import named
 from tossid.code_digest import code_digest
 from tossid.errors import ConfigError, InputError, TossidError
 from tossid.ingestion import stages
@@ -37,7 +38,7 @@ def run(config: DetectStageConfig, console: Console) -> dict[str, Any]:
         return _run_many(config, config.recordings, console)
     opened = open_stage(config.recording, config.object)
     n_images = opened.images().n_frames
-    out = check_stage_name("out", config.out or STAGES / opened.name / DETECTIONS)
+    out = named("out", config.out or STAGES / opened.name / DETECTIONS, ".npz")
     tally: Counter[str] = Counter()
     with output_file(out) as temporary, reported(console) as progress:
         found = stages.detect(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from pipelines.cli.console import Console
 from pipelines.cli.progress import reported
 from pipelines.config.schemas import IngestConfig
-from pipelines.files.project import DATASETS, check_dataset_name
+from pipelines.files.project import DATASET_SUFFIXES, DATASETS, named
 
 if TYPE_CHECKING:
     from tossid.ingestion.ingest import IngestReport
@@ -23,7 +23,7 @@ def run(config: IngestConfig, console: Console) -> dict[str, Any]:
     from tossid.vision.recordings.registry import recording_name
 
     source = located(config.source)
-    out = check_dataset_name("out", config.out or DATASETS / f"{recording_name(source.path)}.h5")
+    out = named("out", config.out or DATASETS / f"{recording_name(source.path)}.h5", *DATASET_SUFFIXES)
     lineage = provenance("ingest", config, {})
     with reported(console) as progress:
         report = ingest_source(

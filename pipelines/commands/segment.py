@@ -10,7 +10,7 @@ from pipelines.commands.ingest import facts
 from pipelines.config.schemas import SegmentStageConfig
 from pipelines.files.datasets import described, provenance
 from pipelines.files.open_source import STAGES, open_stage, read_track
-from pipelines.files.project import DATASETS, check_dataset_name
+from pipelines.files.project import DATASET_SUFFIXES, DATASETS, named
 from tossid.ingestion.ingest import dataset_of_poses
 from tossid.ingestion.progress import Reporter
 from tossid.store import source_sha256
@@ -20,7 +20,7 @@ def run(config: SegmentStageConfig, console: Console) -> dict[str, Any]:
     """Segment, write; returns what `info` says of the dataset, `out`, the ground, and what is no toss."""
     opened = open_stage(config.recording, config.object, default="cube")
     source = config.poses or STAGES / opened.name / "poses.npz"
-    out = check_dataset_name("out", config.out or DATASETS / f"{opened.name}.h5")
+    out = named("out", config.out or DATASETS / f"{opened.name}.h5", *DATASET_SUFFIXES)
     poses = read_track(source)
     lineage = provenance("segment", config, {"source_path": str(source), "source_sha256": source_sha256(source)})
     with reported(console) as progress:

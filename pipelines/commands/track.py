@@ -11,7 +11,8 @@ from typing import Any
 from pipelines.cli.console import Console
 from pipelines.cli.progress import reported
 from pipelines.config.schemas import TrackStageConfig
-from pipelines.files.open_source import STAGES, check_stage_name, open_stage
+from pipelines.files.open_source import STAGES, open_stage
+from pipelines.files.project import named
 from tossid.errors import FileError
 from tossid.ingestion import stages
 from tossid.ingestion.progress import Reporter
@@ -30,7 +31,7 @@ def run(config: TrackStageConfig, console: Console) -> dict[str, Any]:
     for problem in opened.problems:
         console.warn(problem)
     detections = _detections(config, opened)
-    out = check_stage_name("out", config.out or STAGES / opened.name / "poses.npz")
+    out = named("out", config.out or STAGES / opened.name / "poses.npz", ".npz")
     with reported(console) as progress:
         tracked = stages.track(opened, detections, settings=config.track, report=Reporter(progress))
     tracks = list(tracked.tracks.values()) if opened.model is None else [stages.object_track(opened, tracked)]

@@ -23,6 +23,7 @@ from pipelines.drawing.recording_view import (
     thinned,
 )
 from pipelines.drawing.toss_view import toss_content
+from pipelines.files.project import named
 from tossid.errors import ConfigError, InputError
 from tossid.outputs import output_file
 from tossid.types import Phase
@@ -38,8 +39,8 @@ def run(config: ViewConfig, console: Console) -> dict[str, Any]:
     """Gather, write; returns what was written."""
     recorded = config.data is None and config.run is None and config.gap is None
     for key, path, suffix in (("out", config.out, ".rrd"), ("sheet", config.sheet, ".png")):
-        if path is not None and path.suffix != suffix:
-            raise ConfigError(key, f"'{path}' does not end in {suffix}.", suggestion=str(path.with_suffix(suffix)))
+        if path is not None:
+            named(key, path, suffix)
     if config.recording is not None and not recorded:
         raise ConfigError("recording", "is given with data=, run= or gap=; one of them is shown at a time.")
     if config.run is not None and config.gap is not None:

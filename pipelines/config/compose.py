@@ -35,7 +35,7 @@ def load(command: str, schema: type[C], overrides: Sequence[str] = (), *, conf: 
         ConfigError: an unknown key or group member, a wrong type, a missing
             value, a value that cannot be read; also for the files in `conf`.
     """
-    chosen = _default_members(command, conf)
+    chosen = default_members(command, conf)
     given = [_split(text, schema, conf) for text in overrides]
     _refuse_twice(given)
     for key, value in given:
@@ -222,7 +222,7 @@ def _check_syntax(key: str, value: str, match: Key) -> None:
 # ---------------------------------------------------------------- composing
 
 
-def _default_members(command: str, conf: Path) -> dict[str, str | None]:
+def default_members(command: str, conf: Path = CONF) -> dict[str, str | None]:
     """The members that the defaults list of a command chooses."""
     import yaml
 

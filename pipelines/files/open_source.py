@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.files.project import newest_recording
-from tossid.errors import ConfigError, FileError
+from tossid.errors import FileError
 from tossid.ingestion.ingest import with_object
 from tossid.outputs import recover_folder
 from tossid.settings.objects import ObjectSettings
@@ -59,10 +59,3 @@ def read_track(path: Path) -> PoseTrack:
     if len(tracks) != 1:
         raise FileError(path, f"holds {len(tracks)} tracks, expected one")
     return tracks[0]
-
-
-def check_stage_name(key: str, path: Path) -> Path:
-    """A stage's file must be named *.npz."""
-    if path.suffix != ".npz":
-        raise ConfigError(key, f"'{path}' does not end in .npz.", suggestion=str(path.with_suffix(".npz")))
-    return path

@@ -13,6 +13,7 @@ from tossid.errors import ConfigError, FileError
 
 RECORDINGS = Path("data/raw")
 DATASETS = Path("data/datasets")
+DATASET_SUFFIXES = (".h5", ".hdf5")
 
 
 def newest_recording(folder: Path = RECORDINGS) -> Path:
@@ -21,13 +22,9 @@ def newest_recording(folder: Path = RECORDINGS) -> Path:
     Raises:
         FileError: there is none.
     """
-    found = [path.parent for path in folder.glob("*/cameras.yaml") if not path.parent.name.startswith(".")]
-    if not found:
-        sample = f"; a sample lies in {SAMPLE}" if SAMPLE.is_dir() else ""
-        raise FileError(
-            folder, f"no recording here; make one with 'tossid synthesize', or give source.path=FOLDER{sample}"
-        )
-    return max(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
+    sample = f"; a sample lies in {SAMPLE}" if SAMPLE.is_dir() else ""
+    advice = f"no recording here; make one with 'tossid synthesize', or give source.path=FOLDER{sample}"
+    return _newest(folder, [path.parent for path in folder.glob("*/cameras.yaml")], advice)
 
 
 def newest_dataset(folder: Path = DATASETS) -> Path:
@@ -36,9 +33,14 @@ def newest_dataset(folder: Path = DATASETS) -> Path:
     Raises:
         FileError: there is none.
     """
-    found = [path for path in folder.glob("*.h5") if not path.name.startswith(".")]
+    advice = "no dataset here; make one with 'tossid ingest', or give data=FILE.h5"
+    return _newest(folder, list(folder.glob("*.h5")), advice)
+
+
+def _newest(folder: Path, paths: list[Path], advice: str) -> Path:
+    found = [path for path in paths if not path.name.startswith(".")]
     if not found:
-        raise FileError(folder, "no dataset here; make one with 'tossid ingest', or give data=FILE.h5")
+        raise FileError(folder, advice)
     return max(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
 
 
@@ -65,10 +67,13 @@ def _made_by_ingest(folder: Path) -> str:
     return f"'tossid ingest source.path={folder}' makes one of a recording"
 
 
-def check_dataset_name(key: str, path: Path) -> Path:
-    """A dataset to write must be named as one."""
-    if path.suffix not in (".h5", ".hdf5"):
-        raise ConfigError(
-            key, f"'{path}' does not end in .h5; a dataset does.", suggestion=f"{path.with_suffix('.h5')}"
-        )
+def named(key: str, path: Path, *suffixes: str) -> Path:
+    """The path of a file to write, which must end in one of some suffixes.
+
+    Raises:
+        ConfigError: It does not; names the key.
+    """
+    if path.suffix not in suffixes:
+        suggestion = str(path.with_suffix(suffixes[0]))
+        raise ConfigError(key, f"'{path}' does not end in {suffixes[0]}.", suggestion=suggestion)
     return path

@@ -115,9 +115,6 @@ def _from_model(
 ) -> ObjectModel:
     """The object of a compiled model; `stated` holds its name and friction at least, see `Stated`."""
     kinds, pos, axes = _joints(m)
-    if (m.body_mass[1:] <= 0).any():
-        light = m.body(1 + int(np.argmax(m.body_mass[1:] <= 0))).name
-        raise ObjectError(f"body '{light}' has no mass")
     if m.neq:
         raise ObjectError(f"the object has {m.neq} equality constraints (loops, locks), which are not supported")
     R = quat_to_matrix(m.body_iquat[1:])

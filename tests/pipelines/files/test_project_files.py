@@ -14,8 +14,8 @@ import yaml
 from pipelines.config.compose import load
 from pipelines.config.schemas import IngestConfig
 from pipelines.files.datasets import provenance
-from pipelines.files.open_source import check_stage_name, located, read_track
-from pipelines.files.project import check_dataset_name, dataset_path, newest_dataset, newest_recording
+from pipelines.files.open_source import located, read_track
+from pipelines.files.project import dataset_path, named, newest_dataset, newest_recording
 from pipelines.files.resume import STATE, Unfinished
 from pipelines.tracking.runs import RunRecord
 from tossid.errors import ConfigError, FileError, InputError
@@ -51,10 +51,9 @@ def test_keys_name_files_and_folders_of_their_kind(project: Path) -> None:
     assert dataset_path(tosses) == dataset_path(project / "made") == tosses
     with pytest.raises(FileError, match="no such dataset"):
         dataset_path(project / "other.h5")
-    for check, suffix in ((check_dataset_name, ".h5"), (check_stage_name, ".npz")):
-        assert check("out", Path(f"a{suffix}")) == Path(f"a{suffix}")
-        with pytest.raises(ConfigError, match=rf"does not end in {suffix}.*'a{suffix}'"):
-            check("out", Path("a.txt"))
+    assert named("out", Path("a.hdf5"), ".h5", ".hdf5") == Path("a.hdf5")
+    with pytest.raises(ConfigError, match=r"out: 'a\.txt' does not end in \.h5.*'a\.h5'"):
+        named("out", Path("a.txt"), ".h5", ".hdf5")
     made(project / "data" / "raw" / "mine" / "cameras.yaml", 1)
     assert located(FramesSource()).path == Path("data/raw/mine")
     assert located(FramesSource(path=Path("other"))).path == Path("other")
