@@ -22,7 +22,6 @@ def test_strong_damping_turns_the_step_downhill() -> None:
     J, g = rng.normal(size=(9, 4)), rng.normal(size=4)
     step = damped_step(J.T @ J, g, 1e9, np.ones(4))
     np.testing.assert_allclose(step, -g / 1e9, rtol=1e-6)
-    assert np.isfinite(damped_step(np.zeros((4, 4)), g, 0.0, np.ones(4), ridge=1e-3)).all()
 
 
 def test_damping_grows_from_zero_and_vanishes() -> None:

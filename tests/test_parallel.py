@@ -111,11 +111,3 @@ def test_items_are_computed_by_threads_in_order() -> None:
     assert [len(each) for each in in_threads(lambda count: slices(count, 2), [100], 2)] == [12]
     with pytest.raises(InputError, match="3 is odd"):
         list(in_threads(halved, [2, 3], 2))
-
-
-def test_work_that_is_no_longer_wanted_is_told_so_before_it_is_waited_for() -> None:
-    gate = Event()
-    found = in_threads(lambda x: x if x == 0 else gate.wait(60), [0, 1], 2, no_longer_wanted=gate.set)
-    assert next(found) == 0
-    found.close()  # type: ignore[attr-defined]
-    assert gate.is_set()

@@ -53,17 +53,16 @@ class Damping:
         return np.where(accepted, fallen, self.grow * np.maximum(damping, self.least))
 
 
-def damped_step(H: Array, g: Array, damping: float, scale: Array, *, ridge: float = 0.0) -> Array:
-    """The step δ that solves (H + λ diag(scale) + ridge · 1) δ = -g.
+def damped_step(H: Array, g: Array, damping: float, scale: Array) -> Array:
+    """The step δ that solves (H + λ diag(scale)) δ = -g.
 
     Args:
         H: Approximate Hessian JᵀJ, (n, n).
         g: Gradient Jᵀr, (n,).
         damping: λ.
         scale: Diagonal of the damping, (n,): H's own for Marquardt's, ones for Levenberg's.
-        ridge: Added to the diagonal whatever λ is, so that a singular H has a solution.
     """
-    return np.asarray(-np.linalg.solve(H + damping * np.diag(scale) + ridge * np.eye(len(g)), g))
+    return np.asarray(-np.linalg.solve(H + damping * np.diag(scale), g))
 
 
 def search_damping(

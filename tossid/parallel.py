@@ -78,19 +78,13 @@ def _lost(error: BaseException) -> bool:
     return isinstance(error, (KilledWorker, NoWorkerError))
 
 
-def in_threads(
-    function: Callable[[T], R],
-    items: Iterable[T],
-    n_threads: int,
-    no_longer_wanted: Callable[[], None] = lambda: None,
-) -> Iterator[R]:
+def in_threads(function: Callable[[T], R], items: Iterable[T], n_threads: int) -> Iterator[R]:
     """Each item's result in order, several at once; batches within one (`over_threads`) share threads that are idle.
 
     Args:
         function: What is computed of an item, mostly in code that needs no interpreter's lock.
         items: The items.
         n_threads: How many at once; with one, or within such an item, one after another as they are asked for.
-        no_longer_wanted: Called when no more are asked for, before those that are being made are waited for.
     """
     items = items if isinstance(items, Sequence) else list(items)
     if n_threads == 1 or len(items) < 2 or _thread.running is not None:
@@ -103,10 +97,7 @@ def in_threads(
             return function(item)
 
     with ThreadPoolExecutor(n_threads) as pool:
-        try:
-            yield from pool.map(one, items)
-        finally:
-            no_longer_wanted()
+        yield from pool.map(one, items)
 
 
 class _Running:

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, TypeVar
 
 from pipelines.config.keys import MISSING, Group, Key, all_keys, keys_of, nearest, shorten
-from pipelines.config.places import CONF, folders
+from pipelines.config.places import folders
 from tossid.errors import ConfigError
 from tossid.settings.kinds import convert, to_plain
 
@@ -22,36 +21,35 @@ C = TypeVar("C")
 _KEY = re.compile(r"[A-Za-z_][\w/.]*")
 
 
-def load(command: str, schema: type[C], overrides: Sequence[str] = (), *, conf: Path = CONF) -> C:
+def load(command: str, schema: type[C], overrides: Sequence[str] = ()) -> C:
     """The config of a command.
 
     Args:
         command: `conf/COMMAND.yaml` names its default members, and values that differ from the schema's defaults.
         schema: the frozen dataclass that says what its keys are.
         overrides: KEY=VALUE, as typed.
-        conf: the folder of values.
 
     Raises:
         ConfigError: an unknown key or group member, a wrong type, a missing
-            value, a value that cannot be read; also for the files in `conf`.
+            value, a value that cannot be read; also for the files in `conf/`.
     """
-    chosen = default_members(command, conf)
-    given = [_split(text, schema, conf) for text in overrides]
+    chosen = default_members(command)
+    given = [_split(text, schema) for text in overrides]
     _refuse_twice(given)
     for key, value in given:
-        group = _group(schema, key, conf)
+        group = _group(schema, key)
         if group is not None:
-            chosen[key] = _member(group, value, conf)
-    known = keys_of(schema, chosen, conf=conf)
+            chosen[key] = _member(group, value)
+    known = keys_of(schema, chosen)
     lines: list[str] = []
     tables: dict[str, Any] = {}
     for key, value in given:
-        line = _override(key, value, known, schema, chosen, conf)
+        line = _override(key, value, known, schema, chosen)
         if _is_table(key, known):  # Hydra would merge it into the default, or refuse its names
             tables[key] = _parse(key, value)
         else:
             lines.append(line)
-    values = _compose(command, lines, conf)
+    values = _compose(command, lines)
     for key, table in tables.items():
         _put(values, key, table)
     config: C = convert(schema, _given(values), key="", advanced=False)
@@ -84,7 +82,7 @@ def _given(values: dict[str, Any]) -> dict[str, Any]:
 # ---------------------------------------------------------------- reading KEY=VALUE
 
 
-def _split(text: str, schema: type, conf: Path) -> tuple[str, str]:
+def _split(text: str, schema: type) -> tuple[str, str]:
     """KEY=VALUE, or an error that says what to type instead."""
     key, equals, value = text.partition("=")
     key = key.strip()
@@ -96,19 +94,19 @@ def _split(text: str, schema: type, conf: Path) -> tuple[str, str]:
             shorten(text), f"keys cannot be {does} ('{sign}'); they are only set, as {shorten(bare) or 'KEY'}=VALUE."
         )
     if not equals:
-        raise ConfigError(shorten(text), "is no KEY=VALUE.", suggestion=_suggest_assignment(text, schema, conf))
+        raise ConfigError(shorten(text), "is no KEY=VALUE.", suggestion=_suggest_assignment(text, schema))
     if not _KEY.fullmatch(key):
         raise ConfigError(shorten(key or text), "is no name of a key; expected KEY=VALUE.")
     return key, value.strip()
 
 
-def _suggest_assignment(text: str, schema: type, conf: Path) -> str | None:
+def _suggest_assignment(text: str, schema: type) -> str | None:
     """For a word without '=': the group that has it as a member, or the key itself."""
-    groups = [key for key in keys_of(schema, {}, conf=conf) if isinstance(key, Group)]
+    groups = [key for key in keys_of(schema, {}) if isinstance(key, Group)]
     for group in groups:
-        if text in group.members(conf):
+        if text in group.members():
             return f"{group.name}={text}"
-    near = nearest(text, [key.name for key in keys_of(schema, {}, conf=conf)])
+    near = nearest(text, [key.name for key in keys_of(schema, {})])
     return f"{near}=…" if near else None
 
 
@@ -120,16 +118,16 @@ def _refuse_twice(given: Sequence[tuple[str, str]]) -> None:
         seen[key] = value
 
 
-def _group(schema: type, key: str, conf: Path) -> Group | None:
-    for known in keys_of(schema, {}, conf=conf):
+def _group(schema: type, key: str) -> Group | None:
+    for known in keys_of(schema, {}):
         if isinstance(known, Group) and known.name == key:
             return known
     return None
 
 
-def _member(group: Group, value: str, conf: Path) -> str | None:
+def _member(group: Group, value: str) -> str | None:
     value = value.strip("'\"")
-    members = group.members(conf)
+    members = group.members()
     if value in members:
         return value
     if value in ("null", "none") and group.optional:
@@ -142,12 +140,12 @@ def _member(group: Group, value: str, conf: Path) -> str | None:
 
 
 def _override(
-    key: str, value: str, known: Sequence[Key | Group], schema: type, chosen: Mapping[str, str | None], conf: Path
+    key: str, value: str, known: Sequence[Key | Group], schema: type, chosen: Mapping[str, str | None]
 ) -> str:
     """One checked line for Hydra."""
     match = next((item for item in known if item.name == key), None)
     if match is None:
-        raise _unknown(key, known, schema, chosen, conf)
+        raise _unknown(key, known, schema, chosen)
     if isinstance(match, Group):
         return f"{key}={chosen[key] or 'null'}"
     line = f"++{key}="  # `conf/` need not have the key, as the library has its default
@@ -160,12 +158,10 @@ def _override(
     return line + value
 
 
-def _unknown(
-    key: str, known: Sequence[Key | Group], schema: type, chosen: Mapping[str, str | None], conf: Path
-) -> ConfigError:
+def _unknown(key: str, known: Sequence[Key | Group], schema: type, chosen: Mapping[str, str | None]) -> ConfigError:
     names = [item.name for item in known]
     group_name = key.split(".")[0]
-    group = _group(schema, group_name, conf)
+    group = _group(schema, group_name)
     if group is not None and "." in key:
         member = chosen.get(group_name)
         if member is None:
@@ -177,7 +173,7 @@ def _unknown(
     inner = [name for name in names if name.startswith(key + ".")]
     if inner:
         return ConfigError(key, f"is a part with keys of its own: {', '.join(inner)}.")
-    return ConfigError(key, "there is no such key.", suggestion=nearest(key, all_keys(schema, conf=conf)))
+    return ConfigError(key, "there is no such key.", suggestion=nearest(key, all_keys(schema)))
 
 
 def _quote(value: str) -> str:
@@ -222,11 +218,11 @@ def _check_syntax(key: str, value: str, match: Key) -> None:
 # ---------------------------------------------------------------- composing
 
 
-def default_members(command: str, conf: Path = CONF) -> dict[str, str | None]:
+def default_members(command: str) -> dict[str, str | None]:
     """The members that the defaults list of a command chooses."""
     import yaml
 
-    path = conf / f"{command}.yaml"
+    path = folders()[0] / f"{command}.yaml"
     try:
         values = yaml.safe_load(path.read_text()) or {}
         entries = values.get("defaults", [])
@@ -237,7 +233,7 @@ def default_members(command: str, conf: Path = CONF) -> dict[str, str | None]:
         raise ConfigError(command, f"{path} cannot be read: {_one_line(error)}") from None
 
 
-def _compose(command: str, lines: Sequence[str], conf: Path) -> dict[str, Any]:
+def _compose(command: str, lines: Sequence[str]) -> dict[str, Any]:
     from hydra import compose, initialize_config_dir
     from hydra.core.global_hydra import GlobalHydra
     from hydra.errors import HydraException
@@ -247,21 +243,21 @@ def _compose(command: str, lines: Sequence[str], conf: Path) -> dict[str, Any]:
 
     GlobalHydra.instance().clear()
     try:
-        with initialize_config_dir(config_dir=str(conf.resolve()), version_base="1.3"):
-            composed = compose(config_name=command, overrides=[*lines, *_further(conf)])
+        with initialize_config_dir(config_dir=str(folders()[0].resolve()), version_base="1.3"):
+            composed = compose(config_name=command, overrides=[*lines, *_further()])
         values = OmegaConf.to_container(composed, resolve=True, throw_on_missing=False)
     except OmegaConfBaseException as error:
         key = getattr(error, "full_key", None) or command
         raise ConfigError(str(key), _one_line(error)) from error
     except (HydraException, YAMLError) as error:
-        raise ConfigError(command, f"the values in {conf} cannot be composed: {_one_line(error)}") from error
+        raise ConfigError(command, f"the values in {folders()[0]} cannot be composed: {_one_line(error)}") from error
     assert isinstance(values, dict)
     return {str(name): value for name, value in values.items()}
 
 
-def _further(conf: Path) -> list[str]:
+def _further() -> list[str]:
     """Where Hydra seeks members that the main folder does not have."""
-    return [f"hydra.searchpath=[{_quote(folder.as_uri())}]" for folder in folders(conf)[1:]]
+    return [f"hydra.searchpath=[{_quote(folder.as_uri())}]" for folder in folders()[1:]]
 
 
 def _one_line(error: BaseException) -> str:

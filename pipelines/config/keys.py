@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal, get_origin, get_type_hints
 
-from pipelines.config.places import CONF, folders
+from pipelines.config.places import folders
 from tossid.settings.kinds import ADVANCED, class_of, describe, parts_of
 
 MISSING = "???"
@@ -69,9 +69,9 @@ class Group:
     optional: bool
     classes: tuple[Any, ...]
 
-    def members(self, conf: Path = CONF) -> tuple[str, ...]:
+    def members(self) -> tuple[str, ...]:
         """The members that this command takes: those of which a class is found."""
-        return tuple(name for name in group_members(self.name, conf) if class_of(self.classes, name) is not None)
+        return tuple(name for name in group_members(self.name) if class_of(self.classes, name) is not None)
 
 
 def key_fields(schema: Any) -> list[Field[Any]]:
@@ -99,13 +99,13 @@ def shorten(text: str, limit: int = 60) -> str:
     return text if len(text) <= limit else text[: limit - 1] + "…"
 
 
-def group_members(group: str, conf: Path = CONF) -> tuple[str, ...]:
+def group_members(group: str) -> tuple[str, ...]:
     """The members of a group: the YAML files in its folder, and in the user's own."""
-    return tuple(sorted({path.stem for folder in folders(conf) for path in (folder / group).glob("*.yaml")}))
+    return tuple(sorted({path.stem for folder in folders() for path in (folder / group).glob("*.yaml")}))
 
 
 def keys_of(
-    schema: type, chosen: Mapping[str, str | None], *, prefix: str = "", conf: Path = CONF, start: Any = None
+    schema: type, chosen: Mapping[str, str | None], *, prefix: str = "", start: Any = None
 ) -> list[Key | Group]:
     """All keys of a schema, in its order.
 
@@ -113,7 +113,6 @@ def keys_of(
         schema: A config dataclass.
         chosen: The chosen member of each group; keys of other members are left out.
         prefix: Put before each name.
-        conf: The folder of values.
         start: Settings that hold the defaults; None: those of the schema.
 
     Returns:
@@ -129,16 +128,16 @@ def keys_of(
             fixed = field.name == "name" and get_origin(hint) is Literal
             found.append(Key(name, hint, docs[field.name], default, fixed))
             continue
-        if not (conf / field.name).is_dir():
+        if not (folders()[0] / field.name).is_dir():
             inner = default if isinstance(default, classes[0]) else None
-            found += keys_of(classes[0], chosen, prefix=name + ".", conf=conf, start=inner)
+            found += keys_of(classes[0], chosen, prefix=name + ".", start=inner)
             continue
         found.append(Group(name, docs[field.name], type(None) in parts_of(hint), tuple(classes)))
         member = chosen.get(name)
         if member is not None:
             own = class_of(classes, member)
             if own is not None:
-                found += keys_of(own, chosen, prefix=name + ".", conf=conf)
+                found += keys_of(own, chosen, prefix=name + ".")
     return found
 
 
@@ -153,12 +152,12 @@ def _default_of(field: Field[Any], hint: Any, start: Any) -> Any:
     return None if type(None) in parts_of(hint) else MISSING
 
 
-def all_keys(schema: type, *, conf: Path = CONF) -> list[str]:
+def all_keys(schema: type) -> list[str]:
     """The names of all keys of a schema, with those of every member of every group."""
-    names = [key.name for key in keys_of(schema, {}, conf=conf)]
-    for group in [key for key in keys_of(schema, {}, conf=conf) if isinstance(key, Group)]:
-        for member in group.members(conf):
-            names += [key.name for key in keys_of(schema, {group.name: member}, conf=conf)]
+    names = [key.name for key in keys_of(schema, {})]
+    for group in [key for key in keys_of(schema, {}) if isinstance(key, Group)]:
+        for member in group.members():
+            names += [key.name for key in keys_of(schema, {group.name: member})]
     return list(dict.fromkeys(names))
 
 

@@ -24,16 +24,7 @@ OWN_CONF = Path("conf")
 """Further members of groups, in the folder that a command is run in: `conf/object/NAME.yaml` and the like."""
 
 
-def folders(conf: Path = CONF) -> tuple[Path, ...]:
-    """The folders in which a member of a group is sought, in this order.
-
-    Args:
-        conf: The main folder of values.
-
-    Returns:
-        The main folder; behind it, if that is the one which ships with tossid, the user's own where there is one.
-    """
+def folders() -> tuple[Path, ...]:
+    """The folders in which a member of a group is sought: that of tossid, and behind it the user's own, if any."""
     own = OWN_CONF.absolute()
-    if conf != CONF or not own.is_dir() or own.samefile(conf):
-        return (conf,)
-    return conf, own
+    return (CONF,) if not own.is_dir() or own.samefile(CONF) else (CONF, own)

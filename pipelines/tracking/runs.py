@@ -6,7 +6,6 @@ import atexit
 import json
 import os
 import tempfile
-from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -162,12 +161,11 @@ def find_runs(
     *,
     command: str | None = None,
     parent: str | None = None,
-    tags: Mapping[str, str] | None = None,
     finished: bool = False,
     nested: bool = False,
     deleted: bool = False,
 ) -> list[Any]:
-    """MLflow runs, newest first: of a command, under a parent, with tags.
+    """MLflow runs, newest first: of a command, under a parent.
 
     Runs of a study (with a parent) are left out unless `parent` or `nested` asks for them. Runs that were deleted in
     MLflow are found by `deleted` alone.
@@ -179,7 +177,7 @@ def find_runs(
     if known is None:
         return []
     view = ViewType.DELETED_ONLY if deleted else ViewType.ACTIVE_ONLY
-    wanted = {**({COMMAND_TAG: command} if command else {}), **(tags or {})}
+    wanted = {COMMAND_TAG: command} if command else {}
     if parent is not None:
         wanted["mlflow.parentRunId"] = parent
     terms = [f"tags.`{name}` = '{value}'" for name, value in wanted.items()]

@@ -78,13 +78,9 @@ class Scores:
                 rows.append([name, *(cell for start in starts for cell in _cells(start))])
         return head, rows
 
-    def rollouts(self, settings: EvaluateSettings | None = None) -> OnDemand[Rollout]:
-        """The motions that were scored, rolled out again when they are asked for.
-
-        Args:
-            settings: As of `evaluate`.
-        """
-        return predicted_motions(self.model.model, self.stated, self.dataset.tosses, dt=self.dt, settings=settings)
+    def rollouts(self) -> OnDemand[Rollout]:
+        """The motions that were scored, rolled out again when they are asked for."""
+        return predicted_motions(self.model.model, self.stated, self.dataset.tosses, dt=self.dt)
 
     def figures(self) -> dict[str, Figure]:
         """Figures by name.
@@ -230,12 +226,7 @@ def stated_object(model: TrainedModel, dataset: Dataset) -> ObjectModel:
 
 
 def predicted_motions(
-    model: DynamicsModel,
-    nominal: ObjectModel,
-    tosses: Sequence[Toss],
-    *,
-    dt: float | None = None,
-    settings: EvaluateSettings | None = None,
+    model: DynamicsModel, nominal: ObjectModel, tosses: Sequence[Toss], *, dt: float | None = None
 ) -> OnDemand[Rollout]:
     """The motions that `evaluate` scores; those next to the one asked for are rolled out with it, and kept.
 
@@ -244,9 +235,8 @@ def predicted_motions(
         nominal: The object as it is stated.
         tosses: Give the first states and the numbers of frames.
         dt: Between frames [s]; None for the tosses' median.
-        settings: How many are rolled out together.
     """
-    size = (settings or EvaluateSettings()).batch
+    size = EvaluateSettings().batch
     predictor, measurement, dt = model.simulator(), model.measurement, dt or frame_time(tosses)
 
     def batch(k: int) -> tuple[Rollout, ...]:

@@ -59,7 +59,6 @@ def make_timeline(
     start: float = 0.0,
     carry: tuple[float, float] = (0.35, 0.5),
     rest: tuple[float, float] = (0.15, 0.25),
-    settings: SegmentSettings = SegmentSettings(),
 ) -> Timeline:
     """One motion that joins tosses.
 
@@ -74,7 +73,6 @@ def make_timeline(
         start: Time of the first frame [s].
         carry: Bounds of the time that a hand carries [s].
         rest: Bounds of the time at rest before that [s].
-        settings: What counts as rest.
 
     Raises:
         InputError: There are no tosses, or tosses of different or uneven rates.
@@ -95,7 +93,7 @@ def make_timeline(
         path = _carry(previous, toss, model, dt, rng, carry)
         pieces.append(path)
         count += n_before + len(path)
-        end = rest_frame(toss.q, settings=settings)
+        end = rest_frame(toss.q, settings=SegmentSettings())
         own = slice(0, max(end, 1) + 1)
         lift.append(count - len(path))
         release.append(count)

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
+from unittest.mock import patch
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pipelines.config import places
 from pipelines.config.compose import as_plain, flatten, load
 from pipelines.config.schemas import IngestConfig
 from tossid.errors import ConfigError
@@ -98,7 +100,13 @@ def part_conf(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def read(conf: Path, *overrides: str) -> Everything:
-    return load("everything", Everything, overrides, conf=conf)
+    with values_in(conf):
+        return load("everything", Everything, overrides)
+
+
+def values_in(conf: Path) -> Any:
+    """Values come from another folder, and from no other, while the block lasts."""
+    return patch.multiple(places, CONF=conf, OWN_CONF=conf)
 
 
 @pytest.mark.parametrize(
@@ -187,7 +195,8 @@ def test_text_is_taken_as_typed(conf: Path, text: str) -> None:
 def test_any_text_survives(part_conf: Path, text: str) -> None:
     if text in ("null", "None"):
         return
-    assert load("part", Part, [f"label={text}"], conf=part_conf).label == text
+    with values_in(part_conf):
+        assert load("part", Part, [f"label={text}"]).label == text
 
 
 @given(st.text(max_size=30))
@@ -195,7 +204,8 @@ def test_any_text_survives(part_conf: Path, text: str) -> None:
 def test_no_override_escapes_as_another_error(part_conf: Path, text: str) -> None:
     for override in (text, f"speed={text}", f"{text}=1"):
         try:
-            config = load("part", Part, [override], conf=part_conf)
+            with values_in(part_conf):
+                config = load("part", Part, [override])
         except ConfigError as error:
             assert "\n" not in str(error)
         else:

@@ -35,6 +35,8 @@ SHIFT_SHARE = 0.15
 FARTHEST_UNSEEN = 1.3
 """How far a picture goes out to what no toss has shown, over what it shows without."""
 FACTORS = (1, 2, 3, 5, 10, 20, 50, 100)
+ANGLES = (-2.0, -1.0, 0.0, 1.0, 2.0)
+"""Of the hinges, at which an object with joints is drawn [rad]; all joints take the same."""
 UNSEEN, PATH = "#c2410c", "#9467bd"
 """Colours of what no toss has shown, and of where corners began."""
 OBLIQUE = view_from(np.deg2rad(-62), np.deg2rad(24))
@@ -71,7 +73,6 @@ def learned_geometry(
     learned: ObjectModel,
     truth: ObjectModel | None = None,
     *,
-    factor: float | None = None,
     seen: NDArray[np.bool_] | None = None,
     stages: Sequence[Array] = (),
     unseen: Array | None = None,
@@ -80,13 +81,12 @@ def learned_geometry(
     """Each body in three orthographic views and an oblique one: corners and centre of mass, before and after.
 
     What is drawn of `learned` and `truth` is given + factor (theirs - given), so that shifts of a millimetre are seen;
-    the factor and the true sizes stand in the subtitle.
+    the factor, a round number that fits the shifts, and the true sizes stand in the subtitle.
 
     Args:
         given: The object as it was stated.
         learned: The object as it was learned.
         truth: The object as it is, if that is known.
-        factor: The exaggeration; a round number that fits the shifts if None.
         seen: Which learned corners tosses have shown (of a round object, which points of its surface), (n_c,); the
             others are crossed out. None for all.
         stages: Corners (n_c, 3) before training, and after each stage that moved them [m]: drawn as paths.
@@ -101,7 +101,7 @@ def learned_geometry(
     for name, model in objects.items():
         if model.corner_pos.shape != given.corner_pos.shape or model.com.shape != given.com.shape:
             raise InputError(f"{name} has {model.n_corners} corners on {model.n_bodies} bodies, given has others")
-    scale = exaggeration(given, learned, truth, stages=stages) if factor is None else factor
+    scale = exaggeration(given, learned, truth, stages=stages)
     steps = np.array([given.corner_pos + scale * (step - given.corner_pos) for step in stages])  # (k, n_c, 3)
     known = np.ones(given.n_corners, dtype=bool) if seen is None or not seen.any() else seen
     farthest = max((float(np.linalg.norm(step - given.corner_pos, axis=1)[known].max()) for step in steps), default=0.0)
@@ -209,7 +209,6 @@ def geometry_at_angles(
     learned: ObjectModel,
     *,
     seen: NDArray[np.bool_],
-    angles: Sequence[float] = (-2.0, -1.0, 0.0, 1.0, 2.0),
     truth_name: str = "true",
     title: str = "Learned geometry",
 ) -> Figure:
@@ -219,7 +218,6 @@ def geometry_at_angles(
         truth: The true object, or the stated one.
         learned: The same object with learned corners.
         seen: Corners (n_c,) that carried load in the training tosses; the places of the others are not known.
-        angles: Angles of the hinges [rad]; all joints take the same.
         truth_name: What the first object is called ("true", "as published").
         title: The figure's title.
 
@@ -233,9 +231,9 @@ def geometry_at_angles(
         off = 1e3 * np.linalg.norm(learned.corner_pos - truth.corner_pos, axis=1)[seen]
         subtitle += f": at most {number(off.max(), 2)} mm from {truth_name}, {number(off.mean(), 2)} mm on average"
     figure = new_figure(title, subtitle, height=3.4)
-    axes = panel_grid(figure, 1, len(angles), left=0.15, right=0.15, top=1.3, bottom=0.75, between=0.1)[0]
+    axes = panel_grid(figure, 1, len(ANGLES), left=0.15, right=0.15, top=1.3, bottom=0.75, between=0.1)[0]
     color, middles, reach = LOOKS["learned"].color, [], 0.0
-    for ax, angle in zip(axes, angles, strict=True):
+    for ax, angle in zip(axes, ANGLES, strict=True):
         q = np.r_[np.zeros(3), 1.0, np.zeros(3), np.full(truth.n_joints, angle)]
         points = []
         for name, model, shade, width in ((truth_name, truth, INK, 1.0), ("learned", learned, color, 1.6)):

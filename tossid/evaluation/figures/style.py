@@ -30,8 +30,8 @@ DPI = 150
 WIDTH = 9.0
 """Width of nearly every figure [in]: 1350 pixels, readable where a browser halves them."""
 INK, MUTED, GRID, RULE = "#26282c", "#70757d", "#e3e5e8", "#9aa0a8"
-SMALL = 8.5
-"""Size of the smallest text [pt]."""
+SMALL, NAME_SIZE = 8.5, 9.0
+"""Size of the smallest text, and of names at the ends of lines [pt]."""
 
 _STYLE: dict[str, Any] = {
     "figure.dpi": DPI,
@@ -219,13 +219,12 @@ def halo(text: Text) -> Text:
     return text
 
 
-def label_ends(ax: Axes, ends: Iterable[tuple[float, float, str, str]], *, size: float = 9) -> list[Text]:
+def label_ends(ax: Axes, ends: Iterable[tuple[float, float, str, str]]) -> list[Text]:
     """Names at the right end of lines, moved apart where they would touch, with thin leaders.
 
     Args:
         ax: The axes, with limits and scales already set.
         ends: x, y (data units), text and colour at each line's end; those whose y is not finite are left out.
-        size: Size of the text [pt].
     """
     kept = [end for end in ends if np.isfinite(end[1])]
     if not kept:
@@ -234,14 +233,14 @@ def label_ends(ax: Axes, ends: Iterable[tuple[float, float, str, str]], *, size:
     to_axes = ax.transData + ax.transAxes.inverted()
     at = np.array([to_axes.transform((x, y)) for x, y, _, _ in kept])
     at[:, 1] = np.clip(at[:, 1], 0, 1)
-    place = spread(list(at[:, 1]), 1.35 * size / 72 / height, 0.0, 1.0)
+    place = spread(list(at[:, 1]), 1.35 * NAME_SIZE / 72 / height, 0.0, 1.0)
     leader: dict[str, Any] = {"lw": 0.7, "alpha": 0.6, "clip_on": False, "zorder": 1, "label": "_leader"}
     texts = []
     for (x, y), to, (_, _, text, color) in zip(at, place, kept, strict=True):
         bends = [x, 1 + 0.04 / width, 1 + 0.14 / width]
         ax.plot(bends, [y, y, to], color=color, transform=ax.transAxes, **leader)
         weight = "normal" if color == MUTED else "bold"
-        form: dict[str, Any] = {"color": color, "fontsize": size, "va": "center", "weight": weight}
+        form: dict[str, Any] = {"color": color, "fontsize": NAME_SIZE, "va": "center", "weight": weight}
         texts.append(ax.text(1 + 0.18 / width, to, text, transform=ax.transAxes, **form))
     return texts
 
