@@ -25,7 +25,6 @@ from tossid.motion.local_motion import LocalMotion
 from tossid.objects import OBJECT_FILES, ObjectModel, load_object
 from tossid.physics import make_system, simulate
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul
-from tossid.settings.segmentation import SegmentSettings
 from tossid.types import PoseTrack, Toss
 
 T = np.arange(60) / 148
@@ -76,7 +75,7 @@ def test_a_throw_between_being_held_and_caught_is_one_flight(cube: ObjectModel) 
     q = np.zeros((150, 7))
     q[:, 2], q[:, 3] = 0.5 + 2.0 * fly - 0.5 * 9.81 * fly**2, 1.0
     q[:, :3] += 3e-5 * rng.normal(size=(150, 3))
-    motion = LocalMotion(cube, PoseTrack("throw", t, q), dt, 9.81, SegmentSettings())
+    motion = LocalMotion(cube, PoseTrack("throw", t, q), dt, 9.81)
     ((first, last),) = motion.flights(0, 149)
     assert (first, last) == (pytest.approx(50, abs=2), pytest.approx(100, abs=2))
     assert motion.carried[:45].all()

@@ -305,7 +305,7 @@ def segment_tosses(
         InputError: There is no toss.
     """
     report, model = report or Reporter(), opened.object()
-    tracks, stretches = segment(poses, model, gravity=settings.gravity, settings=settings.segment)
+    tracks, stretches = segment(poses, model, gravity=settings.gravity)
     report.message("segment", f"segment: {len(tracks)} tosses; {len(stretches)} stretches are none")
     for stretch in stretches:
         report.message("segment", f"  {stretch.t0:.2f} s to {stretch.t1:.2f} s: {stretch.reason}")

@@ -11,11 +11,14 @@ from tossid.motion.kinematics import center_of_mass
 from tossid.motion.noise import scatter
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_boxminus
-from tossid.settings.segmentation import SegmentSettings
 from tossid.types import PoseTrack
 
 Array = NDArray[np.float64]
 
+MIN_FLIGHT = 0.04
+"""Shortest free flight [s]."""
+FLIGHT_ACCELERATION = 3.5
+"""Deviation from gravity that is still free flight [m/s²]."""
 NOISY_ACCELERATION = 5.0
 """Where the local accelerations are less certain than this [m/s²], they show neither flight nor a hand."""
 ON_PARABOLA = (2.5e-4, 2e-3)
@@ -30,7 +33,6 @@ class LocalMotion:
         track: Without long gaps.
         dt: Median time step [s].
         gravity: [m/s²].
-        settings: What counts as flight.
 
     Attributes:
         t: Times [s], (n,).
@@ -48,12 +50,10 @@ class LocalMotion:
         carried: Frames not in free fall, (n,); where the track is too noisy, a frame is neither.
     """
 
-    def __init__(
-        self, model: ObjectModel, track: PoseTrack, dt: float, gravity: float, settings: SegmentSettings
-    ) -> None:
+    def __init__(self, model: ObjectModel, track: PoseTrack, dt: float, gravity: float) -> None:
         t, q = track.t, track.q
         self.model, self.track, self.t, self.q = model, track, t, q
-        self.dt, self.gravity, self.settings = dt, gravity, settings
+        self.dt, self.gravity = dt, gravity
         self.com, self.low = center_of_mass(model, q), lowest_corner(model, q)
         turn = quat_boxminus(q[1:, 3:7], q[:-1, 3:7])
         # the noise of third differences, and at least the track's own
@@ -62,7 +62,7 @@ class LocalMotion:
         if track.q_cov is not None:
             self.noise = np.maximum(self.noise, np.sqrt(np.linalg.eigvalsh(track.q_cov[:, :3, :3])[:, -1]))
             self.turn_noise = np.maximum(self.turn_noise, np.sqrt(np.linalg.eigvalsh(track.q_cov[:, 3:6, 3:6])[:, -1]))
-        self.window = max(round(0.5 * settings.min_flight / dt), 3)
+        self.window = max(round(0.5 * MIN_FLIGHT / dt), 3)
         self.velocity, self.acceleration, self.outlier = local_parabolas(t, self.com, self.window, self.noise)
         k = min(self.window, len(t) // 2)
         rate = np.linalg.norm(quat_boxminus(q[2 * k :, 3:7], q[: -2 * k, 3:7]), axis=1) / (t[2 * k :] - t[: -2 * k])
@@ -71,7 +71,7 @@ class LocalMotion:
         spread = 3 * np.sqrt(720.0 / (2 * self.window + 1) ** 5) * self.noise / dt**2
         off = np.linalg.norm(self.acceleration + np.array([0.0, 0.0, gravity]), axis=1)
         certain = spread < NOISY_ACCELERATION
-        self.free = certain & (off < settings.flight_acceleration + spread)
+        self.free = certain & (off < FLIGHT_ACCELERATION + spread)
         self.carried = certain & ~self.free
 
     def flights(self, a: int, b: int) -> list[tuple[int, int]]:
@@ -89,7 +89,7 @@ class LocalMotion:
             if end - begin < 1:
                 continue
             begin, end = self._grown(begin, end, a, b)
-            if self.t[end] - self.t[begin] >= self.settings.min_flight:
+            if self.t[end] - self.t[begin] >= MIN_FLIGHT:
                 flights.append((begin, end))
         return flights
 

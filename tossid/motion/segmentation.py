@@ -20,7 +20,6 @@ from tossid.motion.local_motion import LocalMotion
 from tossid.motion.release import release_frame
 from tossid.motion.resting import mean_pose, near, stands, still_for
 from tossid.objects import GRAVITY, ObjectModel
-from tossid.settings.segmentation import SegmentSettings
 from tossid.types import LongTrack, OnDemand, PoseTrack
 
 Array = NDArray[np.float64]
@@ -29,8 +28,18 @@ Rest = tuple[int, int]
 """First and last frame of a rest."""
 
 RESTING = "resting"
-DEFAULT = SegmentSettings()
 
+REST_DISTANCE, REST_ANGLE = 4e-4, 6e-3
+"""Distance [m] and angle [rad] from its final pose within which an object rests; four times the track's noise if that
+is more."""
+MIN_REST = 0.08
+"""Shortest rest [s]."""
+MAX_GAP = 0.05
+"""Longest gap in a toss [s]."""
+GROUND = 0.025
+"""Height of the lowest corner at which a flight can have ended on the ground [m]."""
+HAND_ENERGY = 0.03
+"""Rise of energy over weight that only a hand can cause [m]."""
 HELD_HEIGHT, HELD_TIME = 0.008, 0.05
 """An object is held that is higher than this over the ground [m] for longer than this [s] and does not fall; a fit of
 the acceleration that spans an impact looks like being held for less."""
@@ -70,7 +79,6 @@ def segment(
     model: ObjectModel,
     *,
     gravity: float = GRAVITY,
-    settings: SegmentSettings = DEFAULT,
 ) -> tuple[Sequence[PoseTrack], tuple[Stretch, ...]]:
     """The tosses of a track, and every other stretch with its reason.
 
@@ -82,7 +90,6 @@ def segment(
             a time.
         model: The object.
         gravity: [m/s²].
-        settings: What counts as flight and as rest.
 
     Returns:
         The tosses' tracks, named after the track and numbered, read when they are asked for; and the other stretches.
@@ -98,10 +105,10 @@ def segment(
     rejected: list[Stretch] = []
 
     def block(first: int, stop: int) -> _Block:
-        return _Block(model, track.frames(slice(first, stop)), dt, gravity, settings)
+        return _Block(model, track.frames(slice(first, stop)), dt, gravity)
 
     # long gaps split the track
-    breaks = np.flatnonzero(np.diff(t) > max(settings.max_gap, 2.5 * dt)) + 1
+    breaks = np.flatnonzero(np.diff(t) > max(MAX_GAP, 2.5 * dt)) + 1
     for start, stop in itertools.pairwise([0, *breaks.tolist(), n]):
         if stop - start < FEWEST_FRAMES:
             stretches = iter([(start, stop - 1, "too short")])
@@ -145,16 +152,15 @@ def _stretches(
         at, size = at + until, BLOCK_FRAMES
 
 
-def rest_frame(q: Array, *, settings: SegmentSettings = DEFAULT) -> int:
+def rest_frame(q: Array) -> int:
     """First frame from which the configuration stays within the rest tolerance of its last five frames' mean.
 
     A single frame beyond the tolerance does not count as motion.
 
     Args:
         q: Configurations, (n, nq).
-        settings: The tolerance.
     """
-    moving = ~near(q, mean_pose(q[-5:]), settings.rest_distance, settings.rest_angle)
+    moving = ~near(q, mean_pose(q[-5:]), REST_DISTANCE, REST_ANGLE)
     index = np.flatnonzero(moving & ~_alone(moving))
     return int(min(index[-1] + 1, len(q) - 1)) if len(index) else 0
 
@@ -171,11 +177,11 @@ class _Block(LocalMotion):
     def rests(self, *, resting: bool) -> list[Rest]:
         """All rests. resting: the object is known to rest at the first frame."""
         n = len(self.t)
-        span = max(round(self.settings.min_rest / self.dt), 4)
+        span = max(round(MIN_REST / self.dt), 4)
         if n <= span:
             return []
-        distance = np.maximum(self.settings.rest_distance, 4 * self.noise)
-        angle = np.maximum(self.settings.rest_angle, 4 * self.turn_noise)
+        distance = np.maximum(REST_DISTANCE, 4 * self.noise)
+        angle = np.maximum(REST_ANGLE, 4 * self.turn_noise)
         # candidates: frames with the same pose half of the shortest rest and the shortest rest later
         quiet = still_for(self.q, span, 1.5 * distance[: n - span], 1.5 * angle[: n - span])
         found: list[Rest] = []
@@ -187,7 +193,7 @@ class _Block(LocalMotion):
                 continue
             if found and first <= found[-1][1] + 1:
                 first = min(first, found.pop()[0])
-            if (last - first) * self.dt >= 0.9 * self.settings.min_rest:
+            if (last - first) * self.dt >= 0.9 * MIN_REST:
                 found.append((first, last))
         if resting and found and found[0][0] < span:
             found[0] = (0, found[0][1])
@@ -292,7 +298,7 @@ class _Block(LocalMotion):
         """Whether a flight ends near the ground, or with the track."""
         if last >= len(self.t) - 2:
             return True
-        return bool(self.low[max(last - 1, 0) : min(last + 2, b) + 1].min() < self.settings.ground)
+        return bool(self.low[max(last - 1, 0) : min(last + 2, b) + 1].min() < GROUND)
 
     def _held(self, last: int, b: int, high: float) -> bool:
         """Whether, from a flight to the end of the motion, it ever is high up for long without falling."""
@@ -311,4 +317,4 @@ class _Block(LocalMotion):
         start = np.median(energy[flight] + 0.5 * gyration2 * self.spin[flight] ** 2)
         later = np.sort(energy[last + 1 : b + 1])
         # the third largest, since single frames may be wrong
-        return not len(later) or bool(later[-min(3, len(later))] < start + self.settings.energy * self.gravity)
+        return not len(later) or bool(later[-min(3, len(later))] < start + HAND_ENERGY * self.gravity)

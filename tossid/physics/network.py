@@ -82,24 +82,8 @@ def no_learned_acceleration(n_joints: int) -> LearnedAcceleration:
     )
 
 
-class Network(NamedTuple):
-    """A `LearnedAcceleration` with its matrices transposed.
-
-    Attributes:
-        linear: (n_f, n_out) W.
-        W0: (n_f, h).
-        b0: (h,).
-        W1: (h, h).
-        b1: (h,).
-        W2: (h, n_out).
-    """
-
-    linear: Array
-    W0: Array
-    b0: Array
-    W1: Array
-    b1: Array
-    W2: Array
+class Network(LearnedAcceleration):
+    """A `LearnedAcceleration` with its matrices transposed, as the kernels read it: W (n_f, n_out), W0 (n_f, h) etc."""
 
 
 def make_network(k_res: LearnedAcceleration) -> Network:

@@ -7,7 +7,6 @@ from typing import Annotated, Literal
 
 from tossid.settings.kinds import Bounds, Checked, Count, Fraction, NonNegative, Seed
 from tossid.settings.limits import LARGEST_GRAVITY
-from tossid.settings.segmentation import SegmentSettings
 from tossid.settings.tracking import TrackSettings
 
 
@@ -44,8 +43,6 @@ class TossSettings(Checked):
     """seed of the draw of splits"""
     splits: tuple[Fraction, Fraction, Fraction] = (0.5, 0.3, 0.2)
     """shares of tosses for train, validation and test"""
-    segment: SegmentSettings = field(default_factory=SegmentSettings)
-    """frames: what counts as flight and as rest:"""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,6 @@ from tossid.objects import ObjectModel, corner_heights, corner_positions
 from tossid.parallel import in_threads
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, right_jacobian_inv
 from tossid.settings.rendering import RenderSettings
-from tossid.settings.segmentation import SegmentSettings
 from tossid.types import Frame, Toss
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.shutter import Shutter
@@ -93,7 +92,7 @@ def make_timeline(
         path = _carry(previous, toss, model, dt, rng, carry)
         pieces.append(path)
         count += n_before + len(path)
-        end = rest_frame(toss.q, settings=SegmentSettings())
+        end = rest_frame(toss.q)
         own = slice(0, max(end, 1) + 1)
         lift.append(count - len(path))
         release.append(count)
