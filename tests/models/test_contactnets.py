@@ -55,12 +55,11 @@ def test_geometry_and_friction_come_back(cube: ObjectModel) -> None:
     assert learned.friction == pytest.approx(cube.friction, abs=0.01)
 
 
-@pytest.mark.parametrize("noise", [0.03, 0.06, 0.1])
-def test_noise_of_velocities_is_not_taken_for_drag(cube: ObjectModel, noise: float) -> None:
-    """By the velocities that are in the differences, too, k_res found drags of 0.07, 0.29 and 0.78 / s."""
+def test_noise_of_velocities_is_not_taken_for_drag(cube: ObjectModel) -> None:
+    """By the velocities that are in the differences, too, k_res found a drag of 0.29 / s."""
     free = flights(cube, 40)
     rng = np.random.default_rng(0)
-    made = [replace(toss, v=toss.v + rng.normal(size=toss.v.shape) * np.repeat([noise, 0.3], 3)) for toss in free]
+    made = [replace(toss, v=toss.v + rng.normal(size=toss.v.shape) * np.repeat([0.06, 0.3], 3)) for toss in free]
     model = ContactNets(cube, ModelSettings(learn_k_res=True, horizons=(), implicit=False), seed=0)
     list(Fit(model, made[:30], made[30:]).epochs())
     q, v = np.concatenate([toss.q for toss in free]), np.concatenate([toss.v for toss in free])

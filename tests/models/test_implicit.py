@@ -17,6 +17,7 @@ from tossid.models.implicit import Bodies, Dynamics, LossTerms, LossWeights, fre
 from tossid.models.transitions import Transitions, make_transitions
 from tossid.objects import ObjectModel, corner_positions, object_from_mjcf
 from tossid.physics.solvers import ConeProgramme, solve_contacts
+from tossid.rotations import skew
 from tossid.types import Toss
 
 WEIGHTS = LossWeights(complementarity=0.7, dissipation=0.3, penetration=1.3, gap_scale=2e-3)
@@ -71,10 +72,6 @@ def numbers_of(d: Dynamics) -> list[Tensor]:
 
 def with_numbers(numbers: list[Tensor]) -> Dynamics:
     return Dynamics(Bodies(*numbers[:3]), *numbers[3:6], numbers[6] if len(numbers) > 6 else None)
-
-
-def skew(x: np.ndarray) -> np.ndarray:
-    return np.array([[0, -x[2], x[1]], [x[2], 0, -x[0]], [-x[1], x[0], 0]])
 
 
 def mass_matrix(X: np.ndarray, bodies: Bodies) -> np.ndarray:

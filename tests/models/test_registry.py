@@ -1,10 +1,10 @@
-"""Variants and kinds of models by name; `conf/model` shows the library's own."""
+"""Variants and kinds of models by name, as `conf/model` shows them, and starts that are drawn by a seed."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
+import numpy as np
 import pytest
 
 from pipelines.config.compose import load
@@ -12,6 +12,7 @@ from pipelines.config.keys import group_members
 from pipelines.config.schemas import TrainConfig
 from tossid.errors import ConfigError
 from tossid.models import VARIANTS, ModelSettings, Objective, build_model, register_model, variant
+from tossid.models.random_start import BALL, CORNER_OFFSET, FRICTION, draw_start
 from tossid.models.registry import settings_from
 from tossid.objects import ObjectModel
 from tossid.settings.kinds import to_plain
@@ -46,7 +47,6 @@ def test_a_variant_has_the_stages_and_parameters_of_its_settings(cube: ObjectMod
         assert model.mechanics() is None
         return
     mechanics = model.mechanics()
-    assert mechanics is not None
     assert (mechanics.k_res is not None) == (name not in ("cn", "paper_cn"))
     assert mechanics.carried_gravity == variant(name).gravity
     if "rollout-90" not in plans:
@@ -70,16 +70,31 @@ def test_settings_come_back_from_plain_values() -> None:
     assert settings_from({"name": "cnrpi", "gravity": 0.0}) == replace(variant("cnrpi"), gravity=0.0, impact_parts=1)
 
 
-def test_an_unknown_name_is_refused(cube: ObjectModel) -> None:
+def test_an_unknown_name_is_refused_and_a_builtin_kind_cannot_be_taken(cube: ObjectModel) -> None:
     with pytest.raises(ConfigError, match="cnrpi"):
         variant("cnrip")
     with pytest.raises(ConfigError, match="contactnets"):
         build_model(replace(variant("cn"), kind="contactnet"), cube)
-
-
-def test_a_builtin_kind_cannot_be_taken() -> None:
-    def build(settings: ModelSettings, given: ObjectModel, **_: object) -> Any:
-        raise AssertionError
-
     with pytest.raises(ConfigError, match="'e2e' is already registered"):
-        register_model("e2e", ModelSettings, build)
+        register_model("e2e", ModelSettings, build_model)
+
+
+def test_corners_are_off_by_a_normal_number_or_in_a_ball(cube: ObjectModel) -> None:
+    rng = np.random.default_rng(0)
+    drawn, scales = zip(*(draw_start(cube, rng) for _ in range(40)), strict=True)
+    off = np.concatenate([start.corner_pos - cube.corner_pos for start in drawn])
+    np.testing.assert_allclose(off.std(), CORNER_OFFSET * 0.5 * cube.width, rtol=0.1)
+    assert all(FRICTION[0] <= start.friction <= FRICTION[1] for start in drawn)
+    np.testing.assert_allclose(drawn[0].inertia, scales[0] * cube.inertia)
+    ball, _ = draw_start(cube, rng, ball=True, inertia=False)
+    assert np.linalg.norm(ball.corner_pos, axis=1).max() <= BALL
+    np.testing.assert_array_equal(ball.inertia, cube.inertia)
+
+
+def test_the_seed_draws_a_models_start(cube: ObjectModel) -> None:
+    first, again, other = (build_model(variant("paper_cnrpi"), cube, seed=seed).learned_object() for seed in (0, 0, 1))
+    np.testing.assert_array_equal(first.corner_pos, again.corner_pos)
+    assert first.friction == again.friction != other.friction
+    assert np.abs(first.inertia / cube.inertia.max()).max() != np.abs(other.inertia / cube.inertia.max()).max()
+    given = build_model(replace(variant("paper_cn"), random_start=False), cube).learned_object()
+    np.testing.assert_allclose(given.corner_pos, cube.corner_pos)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+import io
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -49,45 +50,28 @@ def test_what_is_saved_comes_back(cube: ObjectModel, tmp_path: Path, name: str) 
 
 
 OLD_KEYS = [
-    "name",
-    "gravity",
-    "hidden",
-    "residual_weight",
-    "complementarity",
-    "dissipation",
-    "penetration",
-    "gap_scale",
-    "horizons",
-    "inertia",
-    "start_inertia",
-    "start_com",
-    "length_scale",
-    "velocity_lag",
-]
+    "name", "gravity", "hidden", "residual_weight", "complementarity", "dissipation", "penetration", "gap_scale",
+    "horizons", "inertia", "start_inertia", "start_com", "length_scale", "velocity_lag",
+]  # fmt: skip
 """The keys of the first checkpoints of schema 2."""
+
+
+def content_of(trained: TrainedModel) -> dict[str, Any]:
+    content: dict[str, Any] = torch.load(io.BytesIO(checkpoint_bytes(trained)), weights_only=True)
+    return content
 
 
 @pytest.mark.parametrize("name", ["cn", "cnrp", "cnrpi", "diffsim", "e2e"])
 def test_a_checkpoint_of_the_schema_before_opens(cube: ObjectModel, tmp_path: Path, name: str) -> None:
     now = trained(cube, name)
-    now = replace(
-        now, settings=replace(now.settings, model=replace(now.settings.model, start_corners=0.0, impact_parts=1))
-    )
-    model = build_model(now.settings.model, cube, seed=3)
+    plan = replace(now.settings.model, start_corners=0.0, impact_parts=1)
+    model = build_model(plan, cube, seed=3)
     model.load_state_dict(now.model.state_dict())
-    now = replace(now, model=model)
-    content: dict[str, Any] = torch.load(_bytes(checkpoint_bytes(now), tmp_path), weights_only=True)
-    plain = to_plain(now.settings.model)
-    old = {
-        "schema": OLDER,
-        "config": {key: plain[key] for key in OLD_KEYS},
-        "seed": 3,
-        "data": "/data/tosses.h5",
-        "sha256": "a" * 64,
-        "object": content["object"],
-        "model": {key.replace("k_res.", "residual."): value for key, value in with_log(content["model"]).items()},
-        "fit": {},
-    }
+    now = replace(now, model=model, settings=replace(now.settings, model=plan))
+    content, plain = content_of(now), to_plain(plan)
+    weights = {key.replace("k_res.", "residual."): value for key, value in with_log(content["model"]).items()}
+    old = {"schema": OLDER, "config": {key: plain[key] for key in OLD_KEYS}, "object": content["object"]}
+    old |= {"seed": 3, "data": "/data/tosses.h5", "sha256": "a" * 64, "model": weights, "fit": {}}
     torch.save(old, tmp_path / "old.pt")
     opened = TrainedModel.load(tmp_path / "old.pt")
     assert opened.settings == now.settings
@@ -104,7 +88,7 @@ def with_log(model: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
 
 def test_a_checkpoint_with_the_logarithm_of_cohesion_opens(cube: ObjectModel, tmp_path: Path) -> None:
     now = trained(cube, "cnrpi")
-    content = torch.load(_bytes(checkpoint_bytes(now), tmp_path), weights_only=True)
+    content = content_of(now)
     del content["versions"]  # which the first of them had not
     torch.save({**content, "schema": LOG_COHESION, "model": with_log(content["model"])}, tmp_path / "old.pt")
     opened = TrainedModel.load(tmp_path / "old.pt")
@@ -114,67 +98,38 @@ def test_a_checkpoint_with_the_logarithm_of_cohesion_opens(cube: ObjectModel, tm
     assert cohesion > 0
 
 
-def _bytes(content: bytes, folder: Path) -> Path:
-    path = folder / "now.pt"
-    path.write_bytes(content)
-    return path
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (lambda content: checkpoint_bytes(content)[:5000], "not a readable checkpoint"),
+        (lambda content: {**content_of(content), "schema": "tossid.checkpoint/99"}, "not a checkpoint of schema"),
+        (lambda content: {**content_of(content), "model": {}}, "damaged checkpoint"),
+    ],
+)
+def test_what_is_no_checkpoint_is_refused(cube: ObjectModel, tmp_path: Path, spoil: Any, says: str) -> None:
+    spoilt, path = spoil(trained(cube, "cn")), tmp_path / "model.pt"
+    path.write_bytes(spoilt) if isinstance(spoilt, bytes) else torch.save(spoilt, path)
+    with pytest.raises(FileError, match=says):
+        TrainedModel.load(path)
 
 
-def test_what_is_no_checkpoint_is_refused(cube: ObjectModel, tmp_path: Path) -> None:
-    whole = checkpoint_bytes(trained(cube, "cn"))
-    content = torch.load(_bytes(whole, tmp_path), weights_only=True)
-    wrong = {
-        "cut": whole[: len(whole) // 2],
-        "text": b"no checkpoint",
-    }
-    for name, data in wrong.items():
-        (tmp_path / name).write_bytes(data)
-        with pytest.raises(FileError, match="not a readable checkpoint"):
-            TrainedModel.load(tmp_path / name)
-    torch.save({**content, "schema": "tossid.checkpoint/99"}, tmp_path / "newer.pt")
-    with pytest.raises(FileError, match="not a checkpoint of schema"):
-        TrainedModel.load(tmp_path / "newer.pt")
-    del content["model"]["geometry.offset"]
-    torch.save(content, tmp_path / "part.pt")
-    with pytest.raises(FileError, match="damaged checkpoint"):
-        TrainedModel.load(tmp_path / "part.pt")
-
-
-def test_records_name_their_losses() -> None:
-    record = EpochRecord("contact", 1, 0.2, 0.1, {"prediction": 0.15}, 3, 0.01, True)
-    assert record.losses() == {"contact/train": 0.2, "contact/validation": 0.1, "contact/prediction": 0.15}
-    assert EpochRecord(**asdict(record)) == record
-
-
-@pytest.fixture(scope="module")
-def shown(cube: ObjectModel) -> TrainedModel:
-    settings = TrainSettings(model=variant("cn"))
+def test_a_model_shows_its_parameters_intervals_and_curves(cube: ObjectModel) -> None:
+    """And what tosses leave open without a number."""
     known = {"friction": {"value": 0.1817, "ci95": [0.171, 0.192]}}
     parameters = {"friction": 0.18, "gravity_ms2": 9.81, "corners": [1.0], "uncertainty": {"intervals": known}}
     stages = [("contact", 0.4), ("contact", 0.2), ("rollout-20", 0.05)]
     history = tuple(EpochRecord(stage, 1, 2 * loss, loss, {"prediction": loss}, 3, 0.1, True) for stage, loss in stages)
-    return TrainedModel(build_model(settings.model, cube), settings, parameters, history, 1.5)
-
-
-def test_a_parameter_is_shown_with_its_interval_or_alone(shown: TrainedModel) -> None:
-    assert shown.intervals["friction"]["ci95"] == [0.171, 0.192]
-    assert repr(shown).splitlines() == [
-        "TrainedModel cn of cube, 3 epochs",
-        "  gravity_ms2: 9.81",
-        "  friction: 0.1817 (0.171 to 0.192)",
-    ]
-    assert replace(shown, parameters={}).intervals == {}
-
-
-def test_what_tosses_leave_open_is_shown_without_numbers(shown: TrainedModel) -> None:
-    known = {"friction": {"value": 0.1817, "ci95": None, "reason": "the tosses leave it open"}}
-    unsure = replace(shown, parameters={"uncertainty": {"intervals": known}})
-    assert repr(unsure).splitlines()[1:] == ["  not determined: friction"]
-    assert "0.1817" not in unsure._repr_html_()
-
-
-def test_a_notebook_shows_a_curve_for_each_stage(shown: TrainedModel) -> None:
+    assert history[0].losses() == {"contact/train": 0.8, "contact/validation": 0.4, "contact/prediction": 0.4}
+    settings = TrainSettings(model=variant("cn"))
+    shown = TrainedModel(build_model(settings.model, cube), settings, parameters, history, 1.5)
+    lines = ["TrainedModel cn of cube, 3 epochs", "  gravity_ms2: 9.81", "  friction: 0.1817 (0.171 to 0.192)"]
+    assert repr(shown).splitlines() == lines
     html = shown._repr_html_()
     assert html.count("<svg") == 2
     assert "rollout-20: validation loss 0.05" in html
     assert "<td>0.1817 (0.171 to 0.192)</td>" in html
+    unsure = {"friction": {"value": 0.1817, "ci95": None, "reason": "the tosses leave it open"}}
+    open_ = replace(shown, parameters={"uncertainty": {"intervals": unsure}})
+    assert repr(open_).splitlines()[1:] == ["  not determined: friction"]
+    assert "0.1817" not in open_._repr_html_()
+    assert replace(shown, parameters={}).intervals == {}
