@@ -1,4 +1,4 @@
-"""The fit: exact resumption in every stage, and inertia and contact law recovered from rollouts."""
+"""The fit: inertia, gravity and contact law recovered from rollouts."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from tests.models.made import tosses
 from tossid.errors import DivergedError
@@ -18,29 +17,6 @@ from tossid.settings.training import ModelSettings, TrainSettings
 from tossid.training.fit import Fit
 
 COM = np.array([[1e-3, -2e-3, 6e-3]])
-
-
-@pytest.mark.parametrize(("optimizer", "stop"), [("lbfgs", 2), ("lbfgs", 5), ("lbfgs", 7), ("adam", 5)])
-def test_an_interrupted_fit_resumes_where_it_was(cube: ObjectModel, optimizer: str, stop: int) -> None:
-    made = tosses(cube.with_changes(com=COM), 6, seed=0)
-
-    def fresh() -> Fit:
-        settings = ModelSettings(learn_inertia=True, learn_k_res=True, hidden=4, horizons=(10, 20))
-        model = ContactNets(cube.with_changes(friction=0.3), settings)
-        return Fit(model, made[:4], made[4:], TrainSettings(epochs=3, optimizer=optimizer))
-
-    whole = fresh()
-    count = len(list(whole.epochs()))
-    assert count > stop
-    first = fresh()
-    steps = first.epochs()
-    for _ in range(stop):
-        next(steps)
-    second = fresh()
-    second.load_state_dict(first.state_dict())
-    assert len(list(second.epochs())) == count - stop
-    for a, b in zip(whole.model.parameters(), second.model.parameters(), strict=True):
-        torch.testing.assert_close(a, b, rtol=0, atol=0)
 
 
 def test_inertia_and_contact_law_come_back_from_rollouts(cube: ObjectModel) -> None:
@@ -93,7 +69,7 @@ def test_short_lengths_and_late_velocities_do_not_spoil_what_is_learned(cube: Ob
     truth = cube.with_changes(com=COM)
     lag, scale = 0.5 / 148, 0.95
     recorded = []
-    for toss in tosses(truth, 30, seed=3, substeps=ModelSettings.substeps):
+    for toss in tosses(truth, 18, seed=3, substeps=ModelSettings.substeps):
         q, v = toss.q.copy(), toss.v.copy()
         v[:, 2] += 9.81 * lag
         q[:, :3] *= scale
@@ -101,7 +77,7 @@ def test_short_lengths_and_late_velocities_do_not_spoil_what_is_learned(cube: Ob
         recorded.append(replace(toss, q=q, v=v))
     settings = ModelSettings(gravity=0.0, learn_geometry=False, learn_inertia=True, learn_k_res=True)
     model = ContactNets(cube, settings, measurement=MeasurementModel(scale, lag))
-    fit = Fit(model, recorded[:20], recorded[20:], TrainSettings(epochs=25))
+    fit = Fit(model, recorded[:13], recorded[13:], TrainSettings(epochs=12))
     list(fit.epochs())
     assert model.flight_gravity(fit.transitions[0]) == pytest.approx(9.81, rel=0.01)
     assert np.abs(model.learned_object().com - COM).max() < 1e-3

@@ -14,27 +14,14 @@ from tossid.objects import ObjectModel
 from tossid.rotations import quat_exp, quat_mul, quat_normalize
 from tossid.settings.training import ModelSettings, TrainSettings
 from tossid.training.fit import Fit
-from tossid.training.flights import FirstStates, FlightStage, first_states_of_flights
+from tossid.training.flights import FlightStage, first_states_of_flights
 from tossid.types import Toss
 
 
-@pytest.fixture(scope="module")
-def flights(cube: ObjectModel) -> FirstStates:
+def test_first_states_are_outdated_by_what_they_depend_on(cube: ObjectModel) -> None:
     made = tosses(cube, 6, seed=2)
-    return first_states_of_flights(cube, (made[:4], made[4:]), 9.81)
-
-
-def test_first_states_are_those_that_were_thrown(cube: ObjectModel, flights: FirstStates) -> None:
-    made = tosses(cube, 6, seed=2)
+    flights = first_states_of_flights(cube, (made[:4], made[4:]), 9.81)
     assert [len(each) for each in flights.states] == [4, 2]
-    states = [state for each in flights.states for state in each]
-    assert any(state is not None for state in states)
-    for toss, state in zip(made, states, strict=True):
-        if state is not None:
-            np.testing.assert_allclose(state.v, toss.v[0], atol=0.05)
-
-
-def test_they_are_outdated_by_what_they_depend_on(cube: ObjectModel, flights: FirstStates) -> None:
     assert not flights.outdated(cube.with_changes(friction=0.5, corner_pos=1.1 * cube.corner_pos), 9.81)
     assert not flights.outdated(cube.with_changes(inertia=1.005 * cube.inertia), 9.815)
     assert flights.outdated(cube.with_changes(inertia=1.02 * cube.inertia), 9.81)

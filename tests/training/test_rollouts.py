@@ -24,7 +24,6 @@ def stage_of(cube: ObjectModel, friction: float) -> tuple[ContactNets, RolloutSt
     model = ContactNets(cube.with_changes(friction=friction), SETTINGS)
     fit = Fit(model, made[:6], made[6:])
     prediction = fit.longest_prediction()
-    assert prediction is not None
     return model, RolloutStage(fit.stages[-1], prediction, fit.settings.rollout_epochs)
 
 
@@ -86,27 +85,6 @@ def test_a_race_on_some_tosses_chooses_the_start_that_all_of_them_choose(
         assert stage.friction_restarted
         found.append(model.learned_object().friction)
     assert found[0] == found[1] == pytest.approx(0.15)
-
-
-def test_a_race_drops_what_is_worse_on_a_share_and_keeps_what_may_be_best(
-    cube: ObjectModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(prediction_error, "RACED_TOSSES", 1)
-    model, stage = stage_of(cube, 1.0)
-    friction = model.friction
-    tried: list[float] = []
-
-    def put(mu: float) -> None:
-        tried.append(mu)
-        friction.move(mu)
-
-    values = [0.15, 0.151, 0.9]
-    losses = stage.prediction.compare(put, values)
-    assert np.isfinite(losses[:2]).all()
-    assert losses[2] == np.inf
-    assert tried.count(0.9) < tried.count(0.15)
-    friction.move(0.15)
-    assert losses[0] == pytest.approx(stage.prediction.training_loss())
 
 
 def test_averaged_quadratics_have_the_weighted_mean_of_their_minima() -> None:
