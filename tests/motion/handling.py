@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
+from tests.vision.tosses import SUBSTEPS, settled
 from tossid.motion.segmentation import rest_frame
 from tossid.objects import ObjectModel, corner_positions, to_mjcf
 from tossid.rotations import quat_boxminus, quat_exp, quat_mul, quat_normalize, right_jacobian_inv
@@ -18,7 +19,6 @@ from tossid.types import PoseTrack
 
 RATE = 148.0
 DT = 1 / RATE
-SUBSTEPS = 8
 KINDS = {
     "toss": 10, "toss, lost from view": 1, "toss, taken up again": 1, "put down gently": 2, "put down on an edge": 1,
     "carried past the table": 2, "caught in the air": 2, "caught just above the table": 1, "held still in the air": 1,
@@ -251,18 +251,8 @@ class Handling:
         self.add(path)
 
     def simulate(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Left alone until it has lain still for a tenth of a second: q (n, nq), v (n, nv)."""
-        data, quiet = mujoco.MjData(self.scene), 0
-        data.qpos[:], data.qvel[:] = q, v
-        states, speeds = [], []
-        for _ in range(round(2.0 * RATE)):
-            states.append(data.qpos.copy())
-            speeds.append(data.qvel.copy())
-            mujoco.mj_step(self.scene, data, nstep=SUBSTEPS)
-            quiet = quiet + 1 if np.abs(data.qvel).max() < 0.005 else 0
-            if quiet > 0.1 * RATE:
-                break
-        return np.array(states), np.array(speeds)
+        """Left alone until it rests: q (n, nq), v (n, nv)."""
+        return settled(self.scene, q, v)
 
 
 def _quintic(s: np.ndarray, end: np.ndarray, v0: np.ndarray, v1: np.ndarray, a1: np.ndarray) -> np.ndarray:

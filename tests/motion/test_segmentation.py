@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.motion.handling import KINDS, Handled, Handling
+from tests.motion.handling import Handled, Handling
 from tests.vision.tosses import thrown
 from tossid.motion import segmentation
 from tossid.motion.segmentation import Stretch, rest_frame, segment
@@ -67,7 +67,6 @@ def test_a_long_gap_in_a_toss_rejects_it_and_short_ones_are_bridged(cube: Object
 
     def without(*frames: int) -> PoseTrack:
         keep = np.delete(np.arange(len(whole.t)), frames)
-        assert whole.q_cov is not None
         return PoseTrack("x", whole.t[keep], whole.q[keep], whole.q_cov[keep])
 
     found, _ = segment(without(*timeline.release + 40, *timeline.release + 41), cube)
@@ -96,13 +95,7 @@ def test_rest_begins_where_motion_ends() -> None:
 
 @pytest.mark.parametrize(
     ("which", "seed", "seconds", "noise"),
-    [
-        ("cube", 0, 120.0, MEASURED),
-        ("cube", 1, 120.0, COARSE),
-        ("elbow", 0, 120.0, MEASURED),
-        pytest.param("cube", 11, 600.0, MEASURED, marks=pytest.mark.slow),
-        pytest.param("elbow", 12, 600.0, MEASURED, marks=pytest.mark.slow),
-    ],
+    [("cube", 0, 120.0, MEASURED), ("cube", 1, 120.0, COARSE), ("elbow", 0, 120.0, MEASURED)],
 )
 def test_minutes_of_tosses_and_of_what_hands_do_between_them(
     which: str, seed: int, seconds: float, noise: tuple[float, float], request: pytest.FixtureRequest
@@ -114,15 +107,11 @@ def test_minutes_of_tosses_and_of_what_hands_do_between_them(
     _assert_covered(found, rejected, made.t, made.seen)
     reasons = {stretch.reason for stretch in rejected}
     assert reasons >= {"resting", "carried", "carried: no free flight", "taken up again before it rested"}
-    if seconds > 300:
-        assert {kind for _, _, kind in made.kinds} == set(KINDS)
-        assert len(found) > 60
 
 
-@pytest.mark.parametrize("seed", [1011, 1027])
-def test_what_stands_for_a_moment_and_tips_over_has_not_come_to_rest(elbow: ObjectModel, seed: int) -> None:
-    """In one toss of each a link stands upright for a quarter of a second, on what does not hold."""
-    rng = np.random.default_rng(seed)
+def test_what_stands_for_a_moment_and_tips_over_has_not_come_to_rest(elbow: ObjectModel) -> None:
+    """In one of the tosses a link stands upright for a quarter of a second, on what does not hold."""
+    rng = np.random.default_rng(1011)
     made = Handling(elbow, rng, kinds={"toss": 1}).recording(40.0)
     found, _ = segment(made.tracked(rng), elbow)
     _assert_found(found, made.t[0], made.release, made.rest)
@@ -167,19 +156,17 @@ def test_short_blocks_read_on_demand_change_ends_by_a_frame_at_most(
     assert stretches[-1].last - stretches[-1].first > 6 * BLOCK
 
 
-@pytest.mark.parametrize(("what", "factor"), [*(("times", by) for by in (0.85, 1.0, 1.03, 1.3)), ("lengths", 1.118)])
+@pytest.mark.parametrize(("what", "factor"), [*(("times", by) for by in (0.85, 1.03, 1.3)), ("lengths", 1.118)])
 def test_times_or_lengths_that_are_wrong_are_named_by_their_factor(cube: ObjectModel, what: str, factor: float) -> None:
     rng = np.random.default_rng(0)
     film = Handling(cube, rng).recording(15.0).tracked(rng)
     length = 1.0 if what == "times" else factor**-2
     film = replace(film, t=film.t * (factor if what == "times" else 1.0), q=film.q * ([length] * 3 + [1.0] * 4))
     words = fall_words(segment(film, cube)[0], cube)
-    if factor in (1.0, 1.03):
+    if factor == 1.03:
         assert words is None
         return
-    assert words is not None
     found = re.search(r"with ([\d.]+) m.*rate ([\d.]+) times.*tags \(([\d.]+) times", words)
-    assert found is not None
     size, rate, scale = map(float, found.groups())
     assert size == pytest.approx(9.81 / factor**2, rel=0.02)
     assert rate == pytest.approx(factor, rel=0.01)

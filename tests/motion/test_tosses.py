@@ -21,7 +21,7 @@ from tossid.motion.noise import pose_noise, scatter, velocity_noise
 from tossid.motion.smoothing import smoother
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_exp, quat_mul
-from tossid.store import read_contactnets, read_pll
+from tossid.store import read_contactnets
 from tossid.types import OnDemand, Phase, PoseTrack
 
 H = 1 / 148
@@ -204,7 +204,6 @@ def test_recorded_velocities_and_given_covariances_are_kept(cube: ObjectModel, t
     assert "by phase" in covariance_source(carrying)
     rng = np.random.default_rng(1)
     track = tracked(bounce(cube, rng, tosses=1, frames=60)[0], rng)
-    assert track.q_cov is not None
     (sure,), (vague,) = (tosses_from_tracks([each], cube) for each in (track, replace(track, q_cov=25 * track.q_cov)))
     assert vague.v_cov[10, 0, 0] > 4 * sure.v_cov[10, 0, 0]
     assert "given with the track" in covariance_source([track])
@@ -239,6 +238,7 @@ def test_tracks_that_do_not_fit_are_refused(cube: ObjectModel, tracks: list[Pose
 
 
 def test_the_real_cube(cube: ObjectModel, shared_data: Path) -> None:
+    """Its noise, its phases in their order, and its recorded velocities, which lag by half a frame."""
     every = read_contactnets(shared_data / "contactnets_cube")
     noise = np.sqrt(np.diag(pose_noise(every[::5], cube)))
     assert 1e-5 < noise[:3].min() <= noise[:3].max() < 3e-5
@@ -250,22 +250,9 @@ def test_the_real_cube(cube: ObjectModel, shared_data: Path) -> None:
         order = [int(np.argmax(toss.phase == p)) for p in (Phase.FLIGHT, Phase.IMPACT, Phase.REST)]
         assert order == sorted(order)
         assert (toss.phase == Phase.SLIDE).mean() > 0.2
-    phase = np.concatenate([toss.phase for toss in tosses])
-    v_cov = np.concatenate([toss.v_cov for toss in tosses])
-    sigma = {p: np.sqrt(np.diag(v_cov[phase == p][0])) for p in (Phase.FLIGHT, Phase.IMPACT, Phase.REST)}
-    # recorded velocities lag by half a frame: g/2/148 = 33 mm/s in flight
-    assert 0.025 < sigma[Phase.FLIGHT][2] < 0.045
-    assert sigma[Phase.REST][2] < 0.01
-    assert sigma[Phase.IMPACT][2] > 3 * sigma[Phase.FLIGHT][2]
     smoothed = tosses_from_tracks([replace(track, v=None) for track in tracks], cube)
     lag = np.median([toss.v[5, 2] for toss in tosses]) - np.median([toss.v[5, 2] for toss in smoothed])
     assert lag == pytest.approx(0.5 * 9.7 / 148, abs=0.006)
-
-
-def test_the_real_elbow(elbow: ObjectModel, shared_data: Path) -> None:
-    tosses = tosses_from_tracks(read_pll(shared_data / "pll_elbow", n_joints=1)[::30], elbow)
-    assert all(toss.v.shape == (121, 7) for toss in tosses)
-    assert {Phase.FLIGHT, Phase.IMPACT, Phase.REST} <= set(np.concatenate([toss.phase for toss in tosses]).tolist())
 
 
 @pytest.mark.parametrize("recorded", [False, True])

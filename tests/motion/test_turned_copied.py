@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.motion.turned import TILT, as_published, thrown_along_x, turns_of
+from tests.motion.bouncing import bounce, tracked
 from tossid.motion.sessions import as_recorded, find_sessions, levelled_tracks
 from tossid.motion.sessions.change_points import robust_mean
 from tossid.motion.sessions.copies import copy_words, find_copies
@@ -24,15 +24,34 @@ from tossid.types import PoseTrack
 
 # turned about the vertical
 
+TILT = np.deg2rad([0.3, -0.8])
+"""Of the table's normal in the tracker's world, along the throw and to its left."""
+TILTED = quat_exp(np.array([-TILT[1], TILT[0], 0.0]))
+IN_A_ROW = 3
+
+
+def yawed(track: PoseTrack, angle: float) -> PoseTrack:
+    """In a world turned about the vertical."""
+    return turned_track(track, quat_exp(np.array([0.0, 0.0, angle])), 0.0)
+
 
 @pytest.fixture(scope="module")
-def thrown(cube: ObjectModel) -> list[PoseTrack]:
-    return thrown_along_x(cube, 60)
+def published(cube: ObjectModel) -> list[PoseTrack]:
+    """Tosses along x to within a few degrees until they rest, tracked in a tilted world, and then turned."""
+    rng, along_x = np.random.default_rng(12), []
+    for i, truth in enumerate(bounce(cube, rng, tosses=60, frames=220)):
+        track = tracked(truth, rng, name=str(i))
+        angle = throw_direction(track, cube)
+        if angle is not None:
+            along_x.append(yawed(track, np.deg2rad(rng.normal(0, 3)) - angle))
+    yaws = turns_of(len(along_x))
+    return [yawed(turned_track(track, TILTED, 0.0), yaw) for track, yaw in zip(along_x, yaws, strict=True)]
 
 
-@pytest.fixture(scope="module")
-def published(thrown: list[PoseTrack]) -> list[PoseTrack]:
-    return as_published(thrown)
+def turns_of(tosses: int) -> np.ndarray:
+    """By how much the recording of each toss is turned; neighbours differ."""
+    turned = np.cumsum(np.random.default_rng(3).uniform(0.6, 2 * np.pi - 0.6, -(-tosses // IN_A_ROW)))
+    return np.repeat(turned, IN_A_ROW)[:tosses]
 
 
 def test_tracks_that_were_turned_back_are_level_tosses_and_come_back_as_recorded(
@@ -46,7 +65,6 @@ def test_tracks_that_were_turned_back_are_level_tosses_and_come_back_as_recorded
     found = turns.with_order(find_sessions(back, cube, level="session"))
     (session,) = found.sessions
     assert session.levelled
-    assert session.level is not None
     assert np.rad2deg(session.level) == pytest.approx(np.rad2deg(TILT), abs=0.2)
     levelled = levelled_tracks(published, found)
     recorded, _ = as_recorded(tosses_from_tracks(levelled, cube)[10], found).measured
