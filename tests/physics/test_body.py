@@ -9,9 +9,10 @@ import pytest
 
 from tests.physics.trees import EVERYTHING
 from tossid.objects import ObjectModel
-from tossid.physics import LearnedAcceleration, Simulation, System, make_system, simulate, stepping
+from tossid.physics import LearnedAcceleration, System, make_system, simulate, stepping
 from tossid.physics.contact.law import Law
 from tossid.physics.effects import Forces, World
+from tossid.rotations import quat_normalize
 
 DT = 1 / 148
 
@@ -37,28 +38,14 @@ def systems(cube: ObjectModel) -> dict[str, System]:
     }
 
 
-def falling(rng: np.random.Generator, count: int, *, lowest: float) -> tuple[np.ndarray, np.ndarray]:
-    """States (count, 7), (count, 6) a little above the ground, on their way down."""
-    q = np.zeros((count, 7))
-    q[:, 2] = rng.uniform(lowest, 0.15, count)
-    q[:, 3:] = rng.normal(size=(count, 4))
-    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
-    return q, rng.normal(size=(count, 6)) * [1, 1, 0.3, 6, 6, 6] - [0, 0, 1, 0, 0, 0]
-
-
-def test_a_toss_that_runs_away_is_reported(cube: ObjectModel) -> None:
-    q, v = np.array([[0, 0, 5.0, 1, 0, 0, 0]]), np.array([[0, 0, 0, 1e200, 2e200, 0]])
-    run = simulate(make_system(cube), q, v, n_steps=5, dt=DT)
-    assert not run.finite[0]
-    assert np.isfinite(run.q).all()
-
-
-@pytest.mark.parametrize("name", ["cube", "elbow"])
-def test_an_inertia_that_is_no_body_s_is_reported(name: str, request: pytest.FixtureRequest) -> None:
+@pytest.mark.parametrize(("name", "inertia", "spin"), [("cube", 1.0, 1e200), ("cube", -1.0, 0.0), ("elbow", -1.0, 0.0)])
+def test_a_toss_that_runs_away_or_is_of_no_body_is_reported(
+    name: str, inertia: float, spin: float, request: pytest.FixtureRequest
+) -> None:
     model: ObjectModel = request.getfixturevalue(name)
-    q = np.zeros((1, model.nq))
-    q[0, 2:4] = 0.2, 1.0
-    run = simulate(make_system(model)._replace(inertia=-model.inertia), q, np.zeros((1, model.nv)), n_steps=5, dt=DT)
+    q, v = np.zeros((1, model.nq)), np.zeros((1, model.nv))
+    q[0, 2:4], v[0, 3:5] = [0.2, 1.0], [spin, 2 * spin]
+    run = simulate(make_system(model)._replace(inertia=inertia * model.inertia), q, v, n_steps=5, dt=DT)
     assert not run.finite[0]
     assert np.isfinite(run.q).all()
 
@@ -116,46 +103,34 @@ LAWS = {
     "relaxed": Law(lifting=1e-3),
     "held at once": Law(added_mass=3.0),
 }
-BODIES = ("nominal", "odd", "soft", "cohesive", "soft and cohesive", "slow")
-
-
-def in_both(system: System, monkeypatch: pytest.MonkeyPatch, **how: Any) -> tuple[Simulation, Simulation]:
-    """Runs of falling cubes by the kernels of a single body, and by those of a tree."""
-    q, v = falling(np.random.default_rng(1), 40, lowest=0.09)
-    body = simulate(system, q, v, dt=DT, tolerance=1e-11, **how)
-    monkeypatch.setattr(stepping, "make_body", lambda system: None)
-    return body, simulate(system._replace(), q, v, dt=DT, tolerance=1e-11, **how)
-
-
-@pytest.mark.parametrize("name", BODIES)
-def test_it_agrees_with_the_tree(cube: ObjectModel, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    system = systems(cube)[name]
-    body, tree = in_both(system, monkeypatch, n_steps=25, substeps=3)
-    assert (body.lam_n > 0).any(axis=(1, 2)).mean() > 0.8
-    # three corners or more carry redundant impulses: which of them is up to the solver's last digits
-    redundant = np.cumsum((body.lam_n > 0).sum(axis=2) > 2, axis=1) > 0
-    assert redundant.mean() < 0.7
-    # and where friction has a memory of them, so is the motion
-    settled = system.cohesion == 0.0 or system.compliance > 0.0
-    for part, near in (("q", 1e-9), ("v", 1e-7)):
-        apart = np.abs(getattr(body, part) - getattr(tree, part))[:, 1:]
-        assert apart[~redundant].max() < near, part
-        assert apart.max() < 1e3 * near or not settled, part
-    assert np.abs(body.lam_n - tree.lam_n)[~redundant].max() < 1e-9
 
 
 @pytest.mark.parametrize("parts", [1, 8])
-@pytest.mark.parametrize("what", ["forces", "bouncing", *LAWS])
+@pytest.mark.parametrize(
+    "what", ["nominal", "odd", "soft", "cohesive", "soft and cohesive", "slow", "forces", "bouncing", *LAWS]
+)
 def test_a_tree_of_one_body_is_that_body(
     cube: ObjectModel, what: str, parts: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Falling cubes by the kernels of a single body, and by those of a tree, as far as rounding lets them agree."""
+    rng, known = np.random.default_rng(1), systems(cube)
+    q, v = np.zeros((40, 7)), rng.normal(size=(40, 6)) * [1, 1, 0.3, 6, 6, 6] - [0, 0, 1, 0, 0, 0]
+    q[:, 2], q[:, 3:] = rng.uniform(0.09, 0.15, 40), quat_normalize(rng.normal(size=(40, 4)))
     odd = cube.with_changes(com=np.array([[1e-3, -2e-3, 6e-3]]), inertia=cube.inertia * np.diag([1.0, 1.2, 0.9]))
     changes = {"bouncing": {"restitution": 0.4}, "held at once": {"compliance": 3e-5, "relaxation": 2e-3}}
     forces = EVERYTHING._replace(spin=0.0, magnus=0.0) if what == "forces" else Forces()
     world = World(odd.with_changes(**changes.get(what, {})), forces=forces, law=LAWS.get(what, Law()))
-    body, linked = in_both(world.system(), monkeypatch, n_steps=12, substeps=2, impact_parts=parts)
+    system = known[what] if what in known else world.system()
+    how: dict[str, Any] = {"n_steps": 12, "substeps": 2, "dt": DT, "tolerance": 1e-11, "impact_parts": parts}
+    body = simulate(system, q, v, **how)
+    monkeypatch.setattr(stepping, "make_body", lambda system: None)
+    linked = simulate(system._replace(), q, v, **how)
     assert (body.lam_n > 0).any(axis=(1, 2)).mean() > 0.6
-    apart = np.abs(body.q - linked.q).max(axis=(1, 2))
-    # rounding may decide whether a step has an impact
-    assert np.median(apart) < (1e-9 if parts == 1 else 3e-4)
-    assert (apart < (1e-6 if parts == 1 else 1e-3)).mean() > 0.9
+    # three corners or more carry redundant impulses: which of them is up to the solver's last digits
+    unique = np.cumsum((body.lam_n > 0).sum(axis=2) > 2, axis=1) == 0
+    assert unique.mean() > 0.3
+    apart = np.abs(body.q - linked.q)[:, 1:].max(axis=2)
+    of_tosses = np.where(unique, apart, 0.0).max(axis=1)
+    # and rounding may decide whether a step has an impact
+    assert np.median(of_tosses) < (1e-9 if parts == 1 else 3e-4)
+    assert (of_tosses < (1e-6 if parts == 1 else 1e-3)).mean() > 0.9

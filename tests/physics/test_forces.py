@@ -91,16 +91,6 @@ def test_drag_stays_stable_however_large(cube: ObjectModel, size: float) -> None
     assert np.linalg.norm(done.v[0, :, 3:], axis=1).max() <= np.linalg.norm([20, -10, 5]) + 1e-9
 
 
-def test_a_spring_keeps_its_energy(cube: ObjectModel) -> None:
-    """Without gravity, 100 swings in steps of 1/148 s."""
-    k, m = 20.0, float(cube.mass[0])
-    world = World(cube, gravity=0.0, forces=Forces(spring=k, center_z=5.0))
-    done = run(world, [0.3, 0, 5.2, 1, 0, 0, 0], [0, 1.0, 0, 0, 0, 0], seconds=85.0, substeps=1)
-    away = done.q[0, :, :3] - [0, 0, 5.0]
-    energy = 0.5 * k * (away**2).sum(axis=1) + 0.5 * m * (done.v[0, :, :3] ** 2).sum(axis=1)
-    assert np.ptp(energy) < 2e-3 * energy[0]
-
-
 @pytest.mark.parametrize("name", [*FLIGHTS, *POWERED])
 def test_the_wrench_of_a_state_is_that_of_the_equations_of_motion(cube: ObjectModel, name: str) -> None:
     forces, mass, inertia, y = (FLIGHTS | POWERED)[name], float(cube.mass[0]), cube.inertia[0], np.array(START + SPEED)
@@ -137,17 +127,6 @@ def test_flight_follows_the_equations_of_motion(cube: ObjectModel, name: str) ->
     assert errors[1] < 1e-4 * change
     # second order: an eighth of the step, a sixty-fourth of the error (or rounding)
     assert errors[1] < max(errors[0] / 40, 1e-9)
-
-
-@pytest.mark.parametrize("name", POWERED)
-def test_a_force_may_grow_with_another_power(cube: ObjectModel, name: str) -> None:
-    forces, start = POWERED[name], np.array(START + SPEED)
-    exact, linear = (after(each, cube, start, 0.5) for each in (forces, forces._replace(power=0.0)))
-    done = run(World(cube, forces=forces), START, SPEED, seconds=0.5, substeps=8, dt=0.01)
-    state = np.concatenate([done.q[0, -1], done.v[0, -1]])
-    state[3:7] *= np.sign(state[3:7] @ exact[3:7])
-    assert np.abs(exact - linear).max() > 0.01
-    assert np.abs(state - exact).max() < 1e-2 * np.abs(exact - linear).max()
 
 
 def test_forces_act_at_the_centre_of_mass(cube: ObjectModel) -> None:

@@ -47,18 +47,12 @@ def test_bodies_gravity_ground_and_forces_fly_as_in_our_engine(cube: ObjectModel
 @pytest.mark.parametrize("e", [0.05, 0.5, 0.8])
 def test_impacts_bounce(cube: ObjectModel, e: float) -> None:
     """On four corners at once and on one, straight above it."""
-    for q in (FLAT, np.array([[0, 0, np.sqrt(3) * HALF, np.cos(0.4776583), 0.6754895, 0, 0]])):
-        start = q.copy()
-        if q is not FLAT:
-            axis = np.array([1.0, 1, 1]) / np.sqrt(3)
-            turn = np.cross(axis, [0, 0, 1])
-            angle = np.arccos(axis[2])
-            start[0, 3:] = [np.cos(angle / 2), *(np.sin(angle / 2) * turn / np.linalg.norm(turn))]
-        start[0, 2] += 0.1
+    axis = np.array([1.0, 1, 1]) / np.sqrt(3)
+    turn = quat_exp(np.arccos(axis[2]) * np.cross(axis, [0, 0, 1]) / np.linalg.norm(np.cross(axis, [0, 0, 1])))
+    landing = np.sqrt(2 * 9.81 * 0.1)
+    for start in (above(0.1), np.array([[0, 0, np.sqrt(3) * HALF + 0.1, *turn]])):
         _, v = toss_in_mujoco(World(cube.with_changes(restitution=e)), start, np.zeros((1, 6)), 26, DT)
-        landing = np.sqrt(2 * 9.81 * 0.1)
-        best = v[0, :, 2].max()
-        assert best == pytest.approx(e * landing, abs=0.03 * landing + 9.81 * DT)
+        assert v[0, :, 2].max() == pytest.approx(e * landing, abs=0.03 * landing + 9.81 * DT)
 
 
 @pytest.mark.parametrize(("stiffness", "damping"), [(2000.0, 5.0), (20000.0, 40.0)])
@@ -178,19 +172,6 @@ def test_landing_neither_sinks_in_nor_bounces(cube: ObjectModel) -> None:
     assert np.diff(energy, axis=1).max() < 1e-4 * energy[:, 0].max()
     np.testing.assert_allclose(q[:, -1, 2], HALF, atol=1e-6)
     assert np.abs(v[:, -1]).max() < 1e-6
-
-
-def test_a_sliding_cube_stops_where_coulomb_says(cube: ObjectModel) -> None:
-    """Distance v² / (2 mu g), over hops of at most (mu v)² / (2 g): MuJoCo's relaxed friction lifts what slips."""
-    q0 = np.array([0, 0, HALF, 1, 0, 0, 0.0])
-    speed = np.array([0.5, 1.0])
-    v0 = np.zeros((2, 6))
-    v0[:, 0] = speed
-    q, v = toss_in_mujoco(World(cube), np.tile(q0, (2, 1)), v0, 110, DT)
-    np.testing.assert_allclose(q[:, -1, 0], speed**2 / (2 * 0.18 * 9.81), rtol=0.005)
-    assert np.abs(v[:, -1]).max() < 1e-6
-    np.testing.assert_allclose(q[:, -1, 1], 0, atol=1e-3)
-    assert (q[..., 2].max(axis=1) - HALF <= 1.2 * (0.18 * speed) ** 2 / (2 * 9.81)).all()
 
 
 def test_the_elbow_lands_and_threads_and_chunks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,10 +9,9 @@ import pytest
 
 from tests.physics.solvers.contact_problems import landing
 from tests.physics.trees import random_state, random_tree
-from tests.physics.worlds import energy
 from tossid.errors import InputError, ObjectError
 from tossid.objects import ObjectModel, corner_positions
-from tossid.physics import ExactCone, PolyhedralCone, make_system, no_learned_acceleration, simulate, tree_batch
+from tossid.physics import ExactCone, PolyhedralCone, make_system, simulate, tree_batch
 from tossid.physics.batch import mass_matrices
 from tossid.physics.contact.law import Law
 from tossid.physics.effects import World
@@ -44,36 +43,6 @@ def test_flight_keeps_energy_to_the_order_of_the_step(seed: int) -> None:
         errors.append(abs(energy_of_tree(model, run.q[0, -1], run.v[0, -1]) - energy_of_tree(model, q, v)))
     assert errors[0] > 1e-12
     assert errors[2] < 0.6 * errors[1] < 0.36 * errors[0] * 1.2
-
-
-@both_cones
-def test_learned_linear_features_are_quadratic_drag(cube: ObjectModel, solver: ContactSolver) -> None:
-    drag, speed, time = 0.3, np.array([1.5, -2.0, 4.0]), 0.5
-    linear = np.zeros((6, 9))
-    linear[:3, 3:6] = -drag * np.eye(3)
-    system = make_system(
-        cube, gravity=0.0, k_res=no_learned_acceleration(0)._replace(linear=linear, W2=np.zeros((6, 0)))
-    )
-    q, v = np.array([[0, 0, 2.0, *quat_exp([0.3, 0.4, 0.5])]]), np.array([[*speed, 0, 0, 0]])
-    run = simulate(system, q, v, n_steps=100, dt=time / 100, substeps=20, solver=solver)
-    expected = speed / (1 + drag * np.linalg.norm(speed) * time)  # of dv/dt = -drag |v| v
-    np.testing.assert_allclose(run.v[0, -1, :3], expected, rtol=1e-3)
-
-
-@both_cones
-def test_a_sliding_block_stops_where_coulomb_says(cube: ObjectModel, solver: ContactSolver) -> None:
-    speed, mu = 0.8, 0.3
-    run = simulate(
-        make_system(cube, friction=mu),
-        np.array([[0, 0, HALF, 1, 0, 0, 0.0]]),
-        np.array([[speed, 0, 0, 0, 0, 0.0]]),
-        n_steps=500,
-        dt=0.001,
-        solver=solver,
-    )
-    assert run.unsolved.sum() == 0
-    assert run.q[0, -1, 0] == pytest.approx(speed**2 / (2 * mu * 9.81), rel=0.01)
-    assert np.abs(run.v[0, -1]).max() < 1e-6
 
 
 def test_tosses_end_at_rest_above_the_ground(cube: ObjectModel) -> None:
@@ -140,15 +109,6 @@ def test_the_ground_is_not_passed(cube: ObjectModel, solver: ContactSolver) -> N
         depth.append(-low.min())
     assert depth[0] < 2e-3
     assert depth[1] < 0.5 * depth[0]
-
-
-def test_friction_makes_no_energy(cube: ObjectModel) -> None:
-    q, v = landing(cube, np.random.default_rng(4), 60)
-    run = simulate(make_system(cube), q, v, n_steps=80, dt=DT)
-    total = energy(cube, run.q, run.v)
-    # a step that lifts the body out of the ground works against gravity: m g times the depth
-    assert np.diff(total, axis=1).max() < cube.mass[0] * 9.81 * 1e-3
-    assert (total[:, -1] < 0.7 * total[:, 0]).all()
 
 
 def test_errors_fall_with_the_square_of_the_step(cube: ObjectModel) -> None:

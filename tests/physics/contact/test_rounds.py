@@ -85,21 +85,3 @@ def test_first_contact_goes_as_in_mujoco(text: str) -> None:
     assert corner_positions(model, run.q[0])[..., 2].min() < 1e-4  # it has touched
     assert run.q[0, -1, :3] == pytest.approx(data.qpos[:3], abs=3e-3)
     assert np.abs(run.q[0, -1, 3:] @ data.qpos[3:]) > np.cos(0.5 * np.deg2rad(4))
-
-
-@pytest.mark.slow
-def test_links_have_round_parts_too() -> None:
-    text = (
-        '<mujoco><worldbody><body name="a"><freejoint/><geom type="capsule" size="0.02 0.04" mass="0.3"/>'
-        '<body name="b" pos="0 0 0.1"><joint type="hinge" axis="1 0 0"/>'
-        '<geom type="sphere" size="0.03" pos="0 0 0.03" mass="0.2"/></body></body></worldbody></mujoco>'
-    )
-    from tossid.objects import object_from_mjcf
-
-    model = object_from_mjcf(text, name="two", friction=0.3)
-    q = np.array([[0, 0, 0.2, 0.8, 0.5, 0.1, 0.2, 0.3]])
-    q[:, 3:7] /= np.linalg.norm(q[:, 3:7])
-    run = simulate(make_system(model), q, np.zeros((1, 7)), n_steps=120, dt=DT, substeps=4)
-    assert run.finite[0]
-    assert corner_positions(model, run.q[0])[..., 2].min() > -1e-3
-    assert corner_positions(model, run.q[0, -1])[:, 2].min() < 2e-3

@@ -117,17 +117,6 @@ def test_a_cube_whose_corners_are_one_ball_rolls_as_a_ball(cube: ObjectModel) ->
     np.testing.assert_allclose(done.q[0, :, 2], HALF, atol=1e-6)
 
 
-def test_an_edge_with_rounded_corners_stands_lower(cube: ObjectModel) -> None:
-    """Balanced on an edge, the centre is at sqrt(2) (a - r) + r; on a face it is at a."""
-    radius, turned = 0.006, np.array([np.cos(np.pi / 8), np.sin(np.pi / 8), 0.0, 0.0])
-    height = np.sqrt(2) * (HALF - radius) + radius
-    world = World(cube, law=Law(rounding=radius))
-    on_edge = run(world, np.concatenate([[0, 0, height], turned]), [0.0] * 6, seconds=0.05)
-    np.testing.assert_allclose(on_edge.q[0, :, 2], height, atol=1e-5)
-    on_face = run(world, flat(), [0.0] * 6, seconds=0.05)
-    np.testing.assert_allclose(on_face.q[0, :, 2], HALF, atol=1e-7)
-
-
 def test_the_inertia_of_links_may_be_of_another_shape(cube: ObjectModel, elbow: ObjectModel) -> None:
     of_links, of_a_body = ({e.name: e for e in effects_for(model)}["inertia"] for model in (elbow, cube))
     world = World(elbow)

@@ -39,7 +39,6 @@ def test_a_world_has_an_effect_that_mujoco_lacks_exactly_when_it_was_applied(cub
     if isinstance(effect.mujoco, InMujoco):
         return
     world = World(cube)
-    assert effect.mujoco.present is not None
     assert not effect.mujoco.present(effect.at(world, effect.nominal(world)))
     values = np.array([p.low + 0.3 * k * (p.high - p.low) for k, p in enumerate(effect.parameters, start=1)])
     assert effect.mujoco.present(effect.at(world, values))
@@ -54,7 +53,6 @@ def test_values_are_clipped_to_their_ranges_and_named(cube: ObjectModel) -> None
 def test_a_force_may_grow_with_another_power(cube: ObjectModel) -> None:
     assert FRICTION.other_power_law is None
     law = effect_named("vortex").other_power_law
-    assert law is not None
     assert law is effect_named("vortex").other_power_law
     assert effect_named(law.name) is law
     forces = law.at(World(cube), np.array([1.5])).forces

@@ -1,7 +1,4 @@
-"""Plain NumPy solvers of the same problems: slow, short, and written another way than the kernels.
-
-Tests compare the kernels with these. They take one problem at a time, order [n.., t1 t2 ..].
-"""
+"""Plain NumPy optimality conditions of the solvers' problems, order [n.., t1 t2 ..]; a solution is what meets them."""
 
 from __future__ import annotations
 
@@ -94,47 +91,3 @@ def project_cones(x: Array, mu: Array) -> Array:
     """Every contact's part of x (3 n,) projected on its friction cone. (3 n,)."""
     projected = project_cone(by_contact(x), mu)
     return np.concatenate([projected[:, 0], projected[:, 1:].ravel()])
-
-
-def cone_qp_reference(
-    A: Array, c: Array, mu: Array, *, tolerance: float = 1e-10, max_iterations: int = 200_000
-) -> tuple[Array, float]:
-    """min over the friction cones of 1/2 lam^T A lam + c^T lam by accelerated projected gradient.
-
-    Nesterov's method with restart on the gradient (O'Donoghue & Candes 2015).
-    Returns lam (3 n,) and the KKT error of `cone_qp_kkt_error`.
-    """
-    step = 1.0 / max(float(np.linalg.eigvalsh(A)[-1]), 1e-300)
-    lam = np.zeros(len(c))
-    ahead, momentum = lam.copy(), 1.0
-    for iteration in range(max_iterations):
-        gradient = A @ ahead + c
-        new = project_cones(ahead - step * gradient, mu)
-        if gradient @ (new - lam) > 0:
-            momentum = 1.0
-        following = 0.5 * (1 + np.sqrt(1 + 4 * momentum**2))
-        ahead = new + (momentum - 1) / following * (new - lam)
-        lam, momentum = new, following
-        if iteration % 20 == 0 and cone_qp_kkt_error(A, c, mu, lam) <= tolerance:
-            break
-    return lam, float(cone_qp_kkt_error(A, c, mu, lam))
-
-
-def cone_reference(A: Array, b: Array, mu: Array, *, tolerance: float = 1e-9, turns: int = 500) -> tuple[Array, float]:
-    """The exact cone with maximum dissipation, as cone programmes with c_n = b_n + mu |w_t| held and renewed.
-
-    (De Saxce & Feng 1998; the iteration of Cadoux 2009.) Returns lam (3 n,) and the KKT error of `cone_kkt_error`.
-    """
-    n = len(mu)
-    slip = np.zeros(n)
-    lam, kkt_error = np.zeros(3 * n), np.inf
-    for _ in range(turns):
-        c = b.copy()
-        c[:n] += mu * slip
-        lam, _ = cone_qp_reference(A, c, mu, tolerance=0.01 * tolerance)
-        kkt_error = float(cone_kkt_error(A, b, mu, lam))
-        if kkt_error <= tolerance:
-            break
-        w = A @ lam + b
-        slip = np.hypot(w[n::2], w[n + 1 :: 2])
-    return lam, kkt_error

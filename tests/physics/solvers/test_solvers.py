@@ -1,4 +1,4 @@
-"""The contact solvers: thousands of problems, known answers, a plain reference, and solvers of a user's own."""
+"""The contact solvers: thousands of problems, known answers, and refusals; tests/test_docs.py runs a user's own."""
 
 from __future__ import annotations
 
@@ -9,13 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from tests.physics.solvers.contact_problems import INERTIA, MASS, delassus, draw, draw_many, landing  # fmt: skip
+from tests.physics.solvers.contact_problems import INERTIA, MASS, delassus, draw_many, landing
 from tests.physics.solvers.reference import (
     ACCEPTED_KKT_ERROR,
     cone_kkt_error,
     cone_qp_kkt_error,
-    cone_qp_reference,
-    cone_reference,
     polyhedral_kkt_error,
     project_cones,
 )  # fmt: skip
@@ -76,37 +74,6 @@ def test_thousands_of_problems_are_solved_or_said_not_to_be(solver: Solver) -> N
     assert unsolved / total <= solver.unsolved
 
 
-@pytest.mark.parametrize("family", ["slide", "edge", "point", "vee"])
-def test_the_exact_cone_agrees_with_the_reference(family: str) -> None:
-    rng, compared = np.random.default_rng(4), 0
-    for _ in range(6):
-        A, b, mu = draw(family, rng, mu=0.18)
-        lam, kkt_error = cone_reference(A, b, mu, tolerance=1e-7, turns=20)
-        if kkt_error <= 1e-7:
-            np.testing.assert_allclose(A @ solve_contacts(A[None], b[None], mu).lam[0], A @ lam, atol=1e-5)
-            compared += 1
-    assert compared >= 4
-
-
-@pytest.mark.parametrize("family", ["rest", "slide", "edge", "point", "duplicate", "vee", "random"])
-def test_the_cone_programme_agrees_with_the_reference(family: str) -> None:
-    rng, solved = np.random.default_rng(2), 0
-    for _ in range(6):
-        A, c, mu = draw(family, rng)
-        lam, kkt_error = cone_qp_reference(A, c, mu, tolerance=1e-8, max_iterations=20_000)
-        fast = solve_cone_qp(A[None], c[None], mu)
-        if fast.unsolved:
-            continue
-        solved += 1
-        # The minimum and A lam are unique, lam need not be.
-        best, found = (0.5 * x @ A @ x + c @ x for x in (lam, fast.lam[0]))
-        assert found <= best + 1e-13
-        if kkt_error <= 1e-8:
-            np.testing.assert_allclose(A @ fast.lam[0], A @ lam, atol=2e-4 * (1 + np.abs(c).max()))
-            assert found == pytest.approx(best, abs=1e-8)
-    assert solved >= 5
-
-
 def test_a_particle_has_the_closed_form() -> None:
     """A = I / m: lam_n = -m b_n, and friction stops the slip or is mu lam_n against it; or a projection."""
     rng, count, mass, k = np.random.default_rng(2), 500, 0.7, 64
@@ -160,75 +127,12 @@ def test_cone_programmes_solve_what_the_quick_solver_leaves(cube: ObjectModel) -
     assert short.kkt_error[short.unsolved == 0].max() <= 1e-10
 
 
-def test_many_directions_tend_to_the_exact_cone(cube: ObjectModel) -> None:
-    """One step from states with one or two corners on the ground: the friction's direction gets finer."""
-    system, (q, v) = make_system(cube), landing(cube, np.random.default_rng(1), 60)
-    exact = simulate(system, q, v, n_steps=1, dt=1 / 148, tolerance=1e-10)
-    few = np.isin((exact.lam_n > 0).sum(axis=2)[:, 0], (1, 2))
-    assert few.sum() > 10
-    errors = []
-    for k in (4, 8, 16):
-        run = simulate(system, q, v, n_steps=1, dt=1 / 148, tolerance=1e-8, solver=PolyhedralCone(k))
-        assert run.unsolved.sum() == 0
-        errors.append(float(np.abs(run.v - exact.v)[few, 1].mean()))
-    assert errors[1] < 0.6 * errors[0]
-    assert errors[2] < min(0.6 * errors[1], 0.15)
-
-
-class Sweeps(NamedTuple):
-    """Projected Gauss-Seidel from no impulse."""
-
-    most: int = 5000
-
-
-@register_solver(Sweeps)
-def sweep(solver: Sweeps, A: Any, b: Any, mu: Any, lam: Any, tolerance: float) -> tuple[int, float]:
-    n, change = len(mu), np.inf
-    lam[:] = 0.0
-    for _ in range(solver.most):
-        change = 0.0
-        for i in range(n):
-            t, u = n + 2 * i, n + 2 * i + 1
-            before = lam[i], lam[t], lam[u]
-            lam[i] = max(lam[i] - (A[i] @ lam + b[i]) / A[i, i], 0.0)
-            across = A[t, t] + A[u, u]
-            x, y = lam[t] - (A[t] @ lam + b[t]) / across, lam[u] - (A[u] @ lam + b[u]) / across
-            share = min(1.0, mu[i] * lam[i] / max(np.hypot(x, y), 1e-300))
-            lam[t], lam[u] = share * x, share * y
-            slip = across * np.hypot(lam[t] - before[1], lam[u] - before[2])
-            change = max(change, A[i, i] * abs(lam[i] - before[0]), slip)
-        if change <= tolerance:
-            return SolverStatus.SOLVED, change
-    return SolverStatus.INACCURATE, change
-
-
-def test_a_registered_solver_solves_problems_like_the_exact_cone() -> None:
-    A, b, mu = draw_many(300, 2, ("slide", "point"))[1]
-    own, exact = (solve_contacts(A, b, mu, solver=solver, tolerance=1e-12) for solver in (Sweeps(), ExactCone()))
-    assert own.unsolved == 0
-    np.testing.assert_allclose(own.lam, exact.lam, atol=1e-9)
-    assert (solve_contacts(A, b, mu, solver=Sweeps(1)).status == SolverStatus.INACCURATE).any()
-
-
-@pytest.mark.slow
-def test_a_registered_solver_tosses_like_the_exact_cone(cube: ObjectModel) -> None:
-    """A step's problem reaches it row for row: its impulses are those that the library's solver finds."""
-    system, (q, v) = make_system(cube), landing(cube, np.random.default_rng(0), 20)
-    own, exact, short = (
-        simulate(system, q, v, n_steps=10, dt=1 / 148, tolerance=1e-12, solver=solver)
-        for solver in (Sweeps(), ExactCone(), Sweeps(2))
-    )
-    # three corners or more share their load in many ways
-    unique = np.cumsum((exact.lam_n > 0).sum(axis=2) > 2, axis=1) == 0
-    assert (own.lam_n > 0).any(axis=(1, 2)).mean() > 0.8
-    assert unique.mean() > 0.6
-    np.testing.assert_allclose(own.q[:, 1:][unique], exact.q[:, 1:][unique], atol=1e-8)
-    np.testing.assert_allclose(own.lam_n[unique], exact.lam_n[unique], atol=1e-8)
-    assert short.unsolved.sum() > 0
-
-
 class Unregistered(NamedTuple):
     sweeps: int = 1
+
+
+def solve(solver: Any, A: Any, b: Any, mu: Any, lam: Any, tolerance: float) -> tuple[int, float]:
+    return SolverStatus.SOLVED, 0.0
 
 
 @pytest.mark.parametrize(
@@ -245,8 +149,8 @@ class Unregistered(NamedTuple):
         (lambda: tossed(PolyhedralCone(5)), "n_directions is 5, expected an even number from 4"),
         (lambda: tossed(PolyhedralCone(2)), "expected an even number from 4"),
         (lambda: PolyhedralCone(8).check(relaxed=True), "needs the solver ExactCone"),
-        (lambda: register_solver(Sweeps)(sweep), "Sweeps has a contact solver already"),
-        (lambda: register_solver(dict)(sweep), r"class 'dict'>, expected a NamedTuple class"),
+        (lambda: register_solver(ExactCone)(solve), "ExactCone has a contact solver already"),
+        (lambda: register_solver(dict)(solve), r"class 'dict'>, expected a NamedTuple class"),
         (
             lambda: register_solver(Unregistered)(lambda A, b: (0, 0.0)),
             r"takes \(A, b\), expected \(solver, A, b, mu, lam, tolerance\)",
