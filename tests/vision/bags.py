@@ -76,48 +76,33 @@ def write_bag(
 ) -> Path:
     """Frames at 10 Hz: detections of both cameras, plain images of the left and packed ones of the right.
 
-    Args:
-        folder: Where the bag goes.
-        version: Of ROS.
-        plugin: Storage of ROS 2.
-        rauch: Detections in apriltag_ros' message, not TagSLAM's.
-        frames: Their numbers.
-        compression: Of a database, its messages or its file.
-        packed: Compression of an MCAP's chunks.
-        chunk: Frames in each of an MCAP's chunks.
+    rauch: detections in apriltag_ros' message, not TagSLAM's. packed: the compression of an MCAP's chunks, each of
+    `chunk` frames.
     """
-    path = folder / ("bag.bag" if version == 1 else "bag")
-    store = STORES[version]
-    kind = "AprilTagDetectionArray" if rauch else "ApriltagArrayStamped"
-    types = {
-        "tags": f"apriltag_msgs/msg/{kind}",
-        "left": "sensor_msgs/msg/Image",
-        "right": "sensor_msgs/msg/CompressedImage",
-    }
+    path, store = folder / ("bag.bag" if version == 1 else "bag"), STORES[version]
+    tags = f"apriltag_msgs/msg/{'AprilTagDetectionArray' if rauch else 'ApriltagArrayStamped'}"
+    images = {"left": "sensor_msgs/msg/Image", "right": "sensor_msgs/msg/CompressedImage"}
     folder.mkdir(exist_ok=True)
     writing = Writer1(path) if version == 1 else Writer2(path, version=9, storage_plugin=plugin)
     if version == 2:
         writing.set_compression(compression, CompressionFormat.ZSTD)
     with writing as writer:
-        connections = {}
+        topics = {}
         for camera in CAMERAS:
             image_topic = f"/{camera.name}/image" + ("/compressed" if camera.name == "right" else "")
-            for what, topic in (("tags", camera.tag_topic), (camera.name, image_topic)):
-                connections[camera.name, what] = writer.add_connection(topic, types[what], typestore=store)
-        storage = getattr(writer, "storage", None)
+            for topic, kind in ((camera.tag_topic, tags), (image_topic, images[camera.name])):
+                topics[camera.name, kind] = writer.add_connection(topic, kind, typestore=store)
         if plugin is StoragePlugin.MCAP:
-            storage.compression, storage.compressor = packed, PACKERS[packed]
+            writer.storage.compression, writer.storage.compressor = packed, PACKERS[packed]
         for i in frames:
             for camera in CAMERAS:
                 t_ns = 10**9 + i * 10**8 + round(camera.clock_offset * 1e9)
-                messages = (
-                    ("tags", _tags(version, t_ns, CORNERS + i, rauch=rauch)),
-                    (camera.name, _image(version, t_ns, PICTURES[i], packed=camera.name == "right")),
-                )
-                for what, message in messages:
-                    kind = types[what]
+                for kind, message in (
+                    (tags, _tags(version, t_ns, CORNERS + i, rauch=rauch)),
+                    (images[camera.name], _image(version, t_ns, PICTURES[i], packed=camera.name == "right")),
+                ):
                     raw = store.serialize_ros1(message, kind) if version == 1 else store.serialize_cdr(message, kind)
-                    writer.write(connections[camera.name, what], t_ns + 5000, raw)  # recorded a little later
+                    writer.write(topics[camera.name, kind], t_ns + 5000, raw)  # recorded a little later
             if plugin is StoragePlugin.MCAP and (i + 1) % chunk == 0:
-                storage.close_chunk()
+                writer.storage.close_chunk()
     return path

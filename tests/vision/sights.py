@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from tossid.errors import ObjectError
 from tossid.objects import ObjectModel, body_poses
 from tossid.rotations import (
     geodesic_angle,
@@ -24,7 +23,7 @@ from tossid.vision.cameras.camera import Camera
 from tossid.vision.pose_graph.report import TrackReport
 from tossid.vision.pose_graph.track import DEFAULT, track_scene
 from tossid.vision.setup.faces import tag_corners
-from tossid.vision.setup.layout import Body, BodyTag, TagLayout, articulated, body_tags
+from tossid.vision.setup.layout import Body, BodyTag, TagLayout, articulated, layout_of
 
 
 def tangent(track_: PoseTrack, q: np.ndarray) -> np.ndarray:
@@ -37,7 +36,6 @@ def tangent(track_: PoseTrack, q: np.ndarray) -> np.ndarray:
 def nees(track_: PoseTrack, q: np.ndarray) -> np.ndarray:
     """Normalised squared errors over their expectation. (n,)."""
     error = tangent(track_, q)
-    assert track_.q_cov is not None
     return np.einsum("ni,nij,nj->n", error, np.linalg.inv(track_.q_cov), error) / error.shape[1]
 
 
@@ -111,33 +109,11 @@ def filmed_tumble(
 
 
 def track(
-    detections: Iterable[Detection],
-    cameras: Sequence[Camera],
-    model: ObjectModel,
-    *,
-    settings: TrackSettings = DEFAULT,
-    name: str = "track",
+    detections: Iterable[Detection], cameras: Sequence[Camera], model: ObjectModel, *, settings: TrackSettings = DEFAULT
 ) -> tuple[PoseTrack, TrackReport]:
-    """The track of one object whose tags are where its model says, among cameras of known pose, and a report.
-
-    Args:
-        detections: In any order.
-        cameras: Those that detections are of, with their poses in the world.
-        model: The object, with tags; its joints are hinges.
-        settings: When poses are accepted.
-        name: Of the track.
-
-    Raises:
-        ObjectError: The object has no tags, or a joint that slides.
-        InputError: A detection of an unknown camera, or too few to make a track.
-    """
-    if not model.tags:
-        raise ObjectError(f"object '{model.name}' has no tags to track")
-    rigs = {camera.rig_body: camera for camera in cameras}
-    bodies = [Body(rig, True, camera.T_world_rig) for rig, camera in rigs.items()]
-    own = [Body(name, False, tags=body_tags(model, b)) for b, name in enumerate(model.body_names)]
-    layout = articulated(TagLayout((*bodies, *own)), model)
-    tracked = track_scene(list(detections), cameras, layout, settings=settings, name=name)
+    """The track of one object whose tags are where its model says, among cameras of known pose, and a report."""
+    layout = articulated(layout_of(model), model)
+    tracked = track_scene(list(detections), cameras, layout, settings=settings)
     return tracked.tracks[model.body_names[0]], tracked.report
 
 

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.vision.conftest import Filmed
 from tossid.errors import InputError
 from tossid.ingestion import stages
 from tossid.objects import ObjectModel
@@ -22,7 +21,6 @@ from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import look_at
 from tossid.vision.detection.detect import BESIDE_HIDDEN, HIDDEN_SIGMA, TagFinder
 from tossid.vision.detection.occlusion import hidden_edges
-from tossid.vision.detection.search_regions import Predictor
 from tossid.vision.detection.second_look import usual_cause
 from tossid.vision.recordings.recording import FrameFile, Recording
 from tossid.vision.recordings.registry import Opened
@@ -50,30 +48,6 @@ def poster(tags: dict[int, str]) -> np.ndarray:
             interpolation=cv2.INTER_AREA,
         )
     return cv2.GaussianBlur(image, (0, 0), 0.7)
-
-
-def test_prediction_is_near_and_holds_the_object_through_the_toss(filmed: Filmed, tagged: ObjectModel):
-    """In a toss with its impacts every true corner is in the box, which is a small part of the image."""
-    recording, timeline = filmed.recording, filmed.timeline
-    camera = recording.cameras[0]
-    finder, predictor = TagFinder(camera, tagged), Predictor(camera, tagged)
-    corners = np.concatenate([tag_corners(tag) for tag in tagged.tags])
-    area, boxes = [], 0
-    for file in recording.frames["cam0"][60:200]:
-        frame = recording.read(file)
-        box = predictor.box(frame.t)
-        q = timeline.q[int(np.argmin(np.abs(timeline.t - frame.t)))]
-        true = camera.project(transform_points(transform(q[:3], q[3:7]), corners))
-        true = np.clip(true, 0, np.array(camera.resolution) - 1)
-        found = finder.find(frame)
-        if box is not None:
-            boxes += 1
-            assert (true >= box[:2]).all()
-            assert (true <= box[2:]).all()
-            area.append((box[2] - box[0]) * (box[3] - box[1]) / np.prod(camera.resolution))
-        predictor.see(frame.t, found)
-    assert boxes > 130
-    assert np.median(area) < 0.15
 
 
 CAMERA = Camera("c", (320, 256), [420, 420, 159.5, 127.5], T_rig_cam=look_at([1.0, 1e-9, 0.5], [0.0, 0.0, 0.5]))
@@ -173,7 +147,6 @@ def test_the_usual_causes_are_named(image: np.ndarray, says: str):
 
 def test_ids_that_are_not_on_the_object_are_named(tagged):
     cause = usual_cause(film(poster({37: "tag36h11"})), tagged, settings=DetectSettings())
-    assert cause is not None
     assert cause.endswith(
         "tags of tag36h11 (37) are seen in 5 of 5 frames that were looked at again; cube has 0, 1, 2, 3, 4, 5"
     )

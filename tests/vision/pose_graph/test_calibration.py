@@ -17,13 +17,10 @@ from tossid.settings.tracking import StreamSettings, TrackSettings
 from tossid.types import Detection
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.rig import default_rig
-from tossid.vision.pose_graph.graph import solve
-from tossid.vision.pose_graph.graph_builder import Problem
-from tossid.vision.pose_graph.initial import initialise
 from tossid.vision.pose_graph.reprojection import printed_corners
 from tossid.vision.pose_graph.scene import corner_growth, observe
 from tossid.vision.pose_graph.setup_checks import check_set_up
-from tossid.vision.pose_graph.state import given, priors
+from tossid.vision.pose_graph.state import given
 from tossid.vision.pose_graph.track import Tracked, track_scene
 from tossid.vision.setup.layout import Body, BodyTag, Measurement, TagLayout, layout_of
 
@@ -57,7 +54,9 @@ def test_a_cubes_tags_are_calibrated(tagged: ObjectModel) -> None:
     poses = tracked.tracks["cube"]
     assert len(poses.t) == 250
     assert np.mean(nees(poses, q)) == pytest.approx(1.0, abs=0.25)
-    assert set(tracked.report.tags) == {1, 2, 3, 4, 5}
+    report = tracked.report
+    assert set(report.tags) == {1, 2, 3, 4, 5}
+    assert (report.spread, report.prints, report.rms) == (0, {}, report.rms_bare)  # good tags have no flaws
 
 
 def test_without_any_known_tag_one_of_them_is_the_frame(tagged: ObjectModel) -> None:
@@ -90,39 +89,20 @@ def test_cameras_are_calibrated_without_a_common_view(tagged: ObjectModel) -> No
         track_scene(seen, [replace(camera, T_rig_cam=None) for camera in cameras], layout_of(tagged))
 
 
-def test_the_rig_may_be_the_moving_body(tagged: ObjectModel) -> None:
-    """The same sightings, with the cube standing still and the cameras' rig around it moving."""
-    cameras = default_rig()
-    detections, q = filmed_tumble(cameras, tagged, np.random.default_rng(3), n=80)
-    tags = layout_of(tagged).bodies[-1].tags
-    layout = TagLayout((Body("rig", False), Body("cube", True, np.eye(4), tags=tags)))
-    moving = [replace(camera, T_world_rig=None) for camera in cameras]
-    rig = track_scene(detections, moving, layout, settings=EVERYTHING).tracks["rig"]
-    expected = transform_inv(transform(q[:, :3], q[:, 3:7]))
-    found = transform(rig.q[:, :3], rig.q[:, 3:7])
-    assert np.median([apart(A, B)[0] for A, B in zip(found, expected, strict=True)]) < 2.0
-
-
 def test_windows_give_what_one_batch_gives(tagged: ObjectModel) -> None:
-    cameras = default_rig()
+    cameras, layout = default_rig(), _without(layout_of(tagged), but=0)
     detections, _ = filmed_tumble(cameras, tagged, np.random.default_rng(4), n=150)
-    layout = _without(layout_of(tagged), but=0)
-    scene = observe(detections, cameras, layout, dropped=Counter())
-    state, used = initialise(scene), np.ones(len(detections), dtype=bool)
-    problem = Problem(scene, used, priors(scene), covariances=True)
-    whole = solve(problem, state)
-    parts = solve(replace(problem, settings=TrackSettings(stream=StreamSettings(window=60))), state)
-    distance = np.linalg.norm(whole.state.world[-1][:, :3, 3] - parts.state.world[-1][:, :3, 3], axis=1)
-    sigma = np.sqrt(np.diagonal(whole.world_cov[-1], axis1=1, axis2=2)[:, 3:].max(axis=1))
-    assert (distance < sigma).all()
-    ratio = np.diagonal(parts.world_cov[-1], axis1=1, axis2=2) / np.diagonal(whole.world_cov[-1], axis1=1, axis2=2)
-    assert 0.7 < np.median(ratio) < 1.5
+    settings = [replace(EVERYTHING, stream=StreamSettings(window=window)) for window in (1000, 60)]
+    whole, parts = (track_scene(detections, cameras, layout, settings=each) for each in settings)
+    one, other = (each.tracks["cube"] for each in (whole, parts))
+    variance, others = (np.diagonal(track_.q_cov, axis1=1, axis2=2) for track_ in (one, other))
+    distance = np.linalg.norm(one.q[:, :3] - other.q[:, :3], axis=1)
+    assert (distance < np.sqrt(variance[:, :3].max(axis=1))).all()
+    assert 0.7 < np.median(others / variance) < 1.5
     # what is static is as sure as the sample made it, which is of fewer steps; no window adds to that
-    known = np.isfinite(whole.tag_cov).all(axis=(1, 2)) & whole.tag_cov.any(axis=(1, 2))
-    assert known.sum() == len(layout.bodies[-1].tags) - 1
-    ratio = np.diagonal(parts.tag_cov[known], axis1=1, axis2=2) / np.diagonal(whole.tag_cov[known], axis1=1, axis2=2)
-    assert (ratio > 1).all()
-    assert np.median(ratio) < 4
+    noise, noises = (np.array([t.position_noise for t in x.layout.bodies[-1].tags[1:]]) for x in (whole, parts))
+    assert (noises > noise).all()
+    assert np.median(noises / noise) < 2
 
 
 def test_measured_lengths_weigh() -> None:
@@ -204,15 +184,6 @@ def test_prints_and_spread_are_found(tagged: ObjectModel, monkeypatch: pytest.Mo
     assert np.median(_errors(tracked, q)) < 0.7 * np.median(_errors(plain, q))
 
 
-def test_good_tags_have_no_flaws(tagged: ObjectModel) -> None:
-    cameras = default_rig()
-    detections, _ = filmed_tumble(cameras, tagged, np.random.default_rng(0), n=120)
-    for layout in (layout_of(tagged), _without(layout_of(tagged), but=0)):
-        report = track_scene(detections, cameras, layout).report
-        assert (report.spread, report.prints) == (0, {})
-        assert report.rms == report.rms_bare
-
-
 # ---------------------------------------------------------------- what the images contradict
 
 
@@ -264,7 +235,7 @@ def test_a_moved_camera_is_reported_even_where_no_pose_is_left(tagged: ObjectMod
         track(detections, (A, B, C), tagged)
 
 
-@pytest.mark.parametrize(("n_cameras", "factor"), [(3, 7 / 9), (3, 1.06), (3, 0.001), (2, 10.0), (1, 0.0254)])
+@pytest.mark.parametrize(("n_cameras", "factor"), [(3, 1.06), (2, 10.0), (1, 0.0254)])
 def test_tags_of_another_size_than_stated_are_reported_with_the_factor(
     tagged: ObjectModel, n_cameras: int, factor: float
 ) -> None:

@@ -38,17 +38,15 @@ def _sights(
 
 def test_pieces_give_what_the_whole_gives(tagged: ObjectModel) -> None:
     rng, cameras, layout = np.random.default_rng(0), default_rig(), layout_of(tagged)
-    t, q = tumble(400, rng)
+    t, q = tumble(300, rng)
     detections = list(_sights(cameras, tagged, t, q, rng))
     late = sorted(detections, key=lambda d: d.t + 0.05 * rng.random())  # not quite in order
     whole, pieces = track_scene(detections, cameras, layout), track_stream(late, cameras, layout, settings=PIECES)
     a, b = whole.tracks["cube"], pieces.tracks["cube"]
     np.testing.assert_array_equal(a.t, b.t)
     np.testing.assert_allclose(a.q, b.q, atol=1e-9)
-    assert a.q_cov is not None
-    assert b.q_cov is not None
     np.testing.assert_allclose(a.q_cov, b.q_cov, rtol=1e-6, atol=1e-12)
-    assert pieces.report.n_poses == pieces.report.n_steps == 400
+    assert pieces.report.n_poses == pieces.report.n_steps == 300
     assert pieces.report.rms == pytest.approx(whole.report.rms)
     assert pieces.report.rms_by_camera == pytest.approx(whole.report.rms_by_camera)
     assert pieces.report.rms_by_tag == pytest.approx(whole.report.rms_by_tag, rel=0.05)
@@ -76,11 +74,11 @@ def test_memory_does_not_grow_with_the_recording(tagged: ObjectModel) -> None:
 
 def test_a_gap_in_detections_does_not_end_the_track(tagged: ObjectModel) -> None:
     rng, cameras = np.random.default_rng(2), default_rig()
-    t, q = tumble(200, rng)
-    t = np.where(np.arange(200) < 100, t, t + 7.0)
+    t, q = tumble(120, rng)
+    t = np.where(np.arange(120) < 60, t, t + 7.0)
     found = track_stream(_sights(cameras, tagged, t, q, rng), cameras, layout_of(tagged), settings=PIECES)
     track = found.tracks["cube"]
-    assert len(track.t) == 200
+    assert len(track.t) == 120
     assert np.abs(tangent(track, q)[:, :3]).max() < 2e-3
     with pytest.raises(InputError, match="nothing to track"):
         track_stream([], cameras, layout_of(tagged), settings=PIECES)
@@ -162,7 +160,6 @@ def test_a_long_recording_is_calibrated_by_stretches_of_it(tagged: ObjectModel, 
     assert 0.5 < np.mean(nees(track, q)) < 3  # all frames share one draw of the calibration's error
     if what == "cameras":
         for camera, truth in zip(found.cameras[1:], true[1:], strict=True):
-            assert camera.T_rig_cam is not None
             moved = found.report.cameras[camera.name]
             assert moved.distance is None  # against what was given, not against what the stretches found
             off = np.linalg.norm(camera.T_rig_cam[:3, 3] - truth.T_rig_cam[:3, 3])

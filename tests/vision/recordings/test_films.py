@@ -58,28 +58,18 @@ def write_film(
     *,
     codec: str = "libx264",
     b_frames: int = 0,
-    gop: int = 12,
     turned: int = 0,
 ) -> Path:
-    """Write frames 0, 1, 2... at times in units of `TICK`.
-
-    Args:
-        path: Its suffix says which container.
-        ticks: When each frame is shown.
-        codec: FFmpeg's name of the encoder.
-        b_frames: Most frames between two that are shown before they could be decoded in order.
-        gop: Frames from one keyframe to the next.
-        turned: Degrees by which players turn the images, counterclockwise.
-    """
+    """Write frames 0, 1, 2... at times in units of `TICK`, which players turn by so many degrees counterclockwise."""
     options = {"crf": "12", "preset": "ultrafast"}
     if codec == "libx265":
-        options["x265-params"] = f"log-level=none:bframes={b_frames}:keyint={gop}"
+        options["x265-params"] = f"log-level=none:bframes={b_frames}:keyint=12"
     with av.open(str(path), "w") as container:
         stream = container.add_stream(codec, rate=RATE, options=options if codec.startswith("libx26") else {})
         stream.width, stream.height = SIZE
         stream.pix_fmt = "gray" if codec == "ffv1" else "yuvj420p" if codec == "mjpeg" else "yuv420p"
         stream.codec_context.time_base = Fraction(1, RATE) if path.suffix == ".avi" else TICK
-        stream.gop_size, stream.max_b_frames = gop, b_frames
+        stream.gop_size, stream.max_b_frames = 12, b_frames
         if turned:
             stream.set_display_rotation(turned)
         for number, at in enumerate(ticks):
@@ -133,14 +123,11 @@ def test_each_frame_has_its_time(tmp_path: Path, codec: str, kind: str, b_frames
 
 
 @pytest.mark.parametrize("codec", ["mjpeg", "ffv1", "mpeg4"])
-def test_avi_has_frames_and_times(tmp_path: Path, codec: str):
+def test_avi_has_frames_and_times_but_for_b_frames(tmp_path: Path, codec: str):
     index = index_film(write_film(tmp_path / "a.avi", STEADY, codec=codec))
     np.testing.assert_allclose(np.diff(index.t_ns), 1e9 / 148, atol=1)
     assert _numbers(index, range(60)) == list(range(60))
-
-
-def test_avi_with_b_frames_is_refused_for_it_has_no_times_of_showing(tmp_path: Path):
-    index = index_film(write_film(tmp_path / "a.avi", STEADY, b_frames=3))
+    index = index_film(write_film(tmp_path / "b.avi", STEADY, b_frames=3))
     with pytest.raises(FileError, match=r"times that do not go with its frames \(B-frames in AVI"):
         _numbers(index, range(60))
 
@@ -186,14 +173,12 @@ def test_images_are_turned_as_players_turn_them(tmp_path: Path, degrees: int):
     index = index_film(path)
     assert index.size == SIZE
     image = FilmDecoder(index, turns=index.turns).image(0)
-    assert image is not None
     assert image.shape == index.shown[::-1]
     video = cv2.VideoCapture(str(path))
     players = cv2.cvtColor(video.read()[1], cv2.COLOR_BGR2GRAY)
     video.release()
     assert np.abs(image.astype(float) - players).mean() < 2
     unturned = FilmDecoder(index, turns=0).image(0)
-    assert unturned is not None
     assert np.abs(unturned.astype(float) - numbered(0)).mean() < 8
 
 

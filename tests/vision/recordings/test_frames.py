@@ -93,26 +93,14 @@ def test_times_come_from_names_or_from_a_file_beside_the_frames(written: Path) -
             read_recording(written)
 
 
-def _copied(name: str, times: int = 1) -> Callable[[Path], object]:
-    """The first frame under another name, or under several that count."""
-    return lambda folder: [shutil.copy(first(folder), folder / LEFT / name.format(i=i)) for i in range(times)]
+def _copied(name: str) -> Callable[[Path], object]:
+    """The first frame under another name."""
+    return lambda folder: shutil.copy(first(folder), folder / LEFT / name)
 
 
-def _only(names: list[str]) -> Callable[[Path], object]:
-    def change(folder: Path) -> None:
-        renamed(folder, names)
-
-    return change
-
-
-def _late(folder: Path) -> None:
-    text = (folder / "cameras.yaml").read_text()
-    (folder / "cameras.yaml").write_text(text.replace("left:\n", "left:\n  clock_offset: 1.0e+300\n"))
-
-
-def _small(folder: Path) -> None:
-    text = (folder / "cameras.yaml").read_text()
-    (folder / "cameras.yaml").write_text(text.replace("64", "32"))
+def _calibrated(old: str, new: str) -> Callable[[Path], object]:
+    """With another text in the calibration."""
+    return lambda folder: (folder / "cameras.yaml").write_text((folder / "cameras.yaml").read_text().replace(old, new))
 
 
 def _becomes(content: bytes | int) -> Callable[[Path], object]:
@@ -133,10 +121,11 @@ def _becomes(content: bytes | int) -> Callable[[Path], object]:
         (_copied("0.1.png"), "has the same time stamp as"),
         (_copied("notes.doc"), "is neither an image nor a file of times"),
         (_copied("left.png"), "is not named like a frame"),
-        (_only(["frame_a.png"]), r"frame_a\.png.*time stamp"),
-        (_only([f"{i:04d}.png" for i in range(4)]), r"1e-09 s apart, read in ns.*are the images numbered\?"),
-        (_late, "clock offset"),
-        (_small, "64 by 48"),
+        (lambda folder: renamed(folder, ["frame_a.png"]), r"frame_a\.png.*time stamp"),
+        (lambda folder: renamed(folder, [f"{i:04d}.png" for i in range(4)]),
+         r"1e-09 s apart, read in ns.*are the images numbered\?"),
+        (_calibrated("left:\n", "left:\n  clock_offset: 1.0e+300\n"), "clock offset"),
+        (_calibrated("64", "32"), "64 by 48"),
         (_becomes(b"not an image"), "not an image"),
         (_becomes(b""), "not an image"),
         (_becomes(b"\xff\xd8\xff\xe0 cut"), "breaks off"),
@@ -150,14 +139,7 @@ def test_what_is_no_recording_or_no_frame_is_named(written: Path, change: Callab
 
 
 def as_16_bits(written: Path, scale: float, hot: int = 0, dark: int | None = None) -> list[np.ndarray]:
-    """The recording with its frames as 16-bit PNG, their levels scaled, some pixels at the end of the range.
-
-    Args:
-        written: The recording.
-        scale: Of the levels.
-        hot: Pixels at the end of the range.
-        dark: A frame that is eight times as dark.
-    """
+    """The recording as 16-bit PNG, levels scaled, some pixels at the range's end, one frame eight times as dark."""
     grey = []
     for i, path in enumerate(sorted((written / LEFT).iterdir())):
         image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)

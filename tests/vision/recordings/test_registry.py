@@ -48,7 +48,6 @@ def test_tensors_are_told_apart_by_their_columns(tmp_path: Path) -> None:
         (tmp_path / name).mkdir()
         torch.save(torch.from_numpy(rows), tmp_path / name / "0.pt")
         found = recognized_format(tmp_path / name)
-        assert found is not None
         assert found.name == name
         assert recognized_format(tmp_path / name, contents=Contents.RECORDING) is None
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-import subprocess
-import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +12,6 @@ import pytest
 
 from tests.fuzz.targets import TARGETS
 from tossid.errors import FileError, MotionError
-from tossid.outputs import output_file
 from tossid.types import Detection, PoseTrack
 from tossid.vision.recordings import disk_buffer
 from tossid.vision.recordings.disk_buffer import DetectionSpool, PoseSpool
@@ -86,7 +82,6 @@ def test_tracks_come_back(tmp_path: Path, cov: bool) -> None:
         for part in parts:
             spool.add(part)
         track = spool.track()
-        assert track is not None
         found = track.frames(slice(7, 18))
         for name in ("q", "t", *["q_cov"] * cov):
             whole = np.concatenate([getattr(part, name) for part in parts])
@@ -105,11 +100,9 @@ def test_tracks_come_back(tmp_path: Path, cov: bool) -> None:
     [
         ("detections", {"camera": np.zeros(2)}, "camera holds float64, expected integers"),
         ("detections", {"t": np.array(0.5)}, r"t has shape \(\), expected"),
-        ("detections", {"corners": np.zeros((3, 4, 2))}, "corners has shape"),
         ("detections", {"camera": np.array([0, 7])}, "camera indices"),
         ("detections", {"schema": np.array("tossid.tracks/1")}, "expected tossid"),
         ("detections", {"schema": np.array([{"code": 1}], dtype=object)}, "npz"),  # it is not unpickled
-        ("tracks", {"lengths": np.array([-3, 33]), "names": np.array(["a", "b"])}, "lengths do not fit its times"),
         ("tracks", {"lengths": np.array([2**62] * 3 + [2**62 + 30]), "names": np.array(list("abcd"))}, "do not fit"),
         ("tracks", {"q": np.zeros((30, 7), dtype="S8")}, r"q holds \|S8, expected floating-point numbers"),
         ("tracks", {"schema": np.array("tossid.tracks/9")}, "holds tossid.tracks/9"),
@@ -131,30 +124,3 @@ def test_a_file_that_unpacks_to_too_much_is_refused_unread(tmp_path: Path) -> No
     assert path.stat().st_size < 1 << 18
     with pytest.raises(FileError, match=r"claims 8[0-9,]{9} bytes when unpacked"):
         read_tracks(path)
-
-
-KILLED = """
-import os, signal, sys
-import numpy as np
-def half(stream, **arrays):
-    stream.write(b"half of a file")
-    stream.flush()
-    os.kill(os.getpid(), signal.SIGKILL)
-np.savez_compressed = half
-from pathlib import Path
-from tossid.outputs import output_file
-from tossid.vision.recordings.npz import write_detections
-with output_file(Path(sys.argv[1])) as temporary:
-    write_detections([], temporary)
-"""
-
-
-def test_what_a_killed_writer_leaves_the_next_one_removes(tmp_path: Path) -> None:
-    """Written as a stage does: a temporary of the command's, filled by the writer."""
-    path = tmp_path / "found.npz"
-    assert subprocess.run([sys.executable, "-c", KILLED, str(path)], timeout=60).returncode == -signal.SIGKILL
-    assert any(entry.read_bytes() == b"half of a file" for entry in tmp_path.iterdir())
-    with output_file(path) as temporary:
-        write_detections([], temporary)
-    assert list(tmp_path.iterdir()) == [path]
-    assert read_detections(path) == ()

@@ -14,9 +14,9 @@ TIMES = np.array([2.5, 2.51, 2.52, 2.54, 2.55])
 """[s]; a frame is missing."""
 
 
-@pytest.mark.parametrize(("text", "t_ns"), [("12.5", 12_500_000_000), ("5", 5_000_000_000), ("1.5e0", 1_500_000_000), ("1403636579763555584", 1403636579763555584), ("x", None), ("nan", None), ("inf", None)])  # fmt: skip  # noqa: E501
-def test_a_time_is_seconds_or_nanoseconds(text: str, t_ns: int | None):
-    assert time_of(text) == t_ns
+def test_a_time_is_seconds_or_nanoseconds():
+    nanoseconds = [time_of(text) for text in ("12.5", "5", "1.5e0", "1403636579763555584", "x", "nan", "inf")]
+    assert nanoseconds == [12_500_000_000, 5_000_000_000, 1_500_000_000, 1403636579763555584, None, None, None]
 
 
 def _lines(form: str, scale: float = 1.0, *, mark: str = ".") -> str:

@@ -62,74 +62,57 @@ GOOD = "intrinsics: [500, 501, 320, 240], resolution: [640, 480]"
     ("entry", "distortion"),
     [
         # Kalibr, with an IMU and after its readers; EuRoC's sensor.yaml; TagSLAM; ROS's and OpenCV's matrices
-        (
-            "{cam_overlaps: [1], camera_model: pinhole, distortion_model: radtan, distortion_coeffs: [-0.2, 0.1, 0, 0],"
-            "timeshift_cam_imu: 0.01, T_cam_imu: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "
-            f"T_imu_cam: [], line_delay: 1e-5, {GOOD}}}",
-            ("radtan", [-0.2, 0.1, 0, 0]),
-        ),
-        (
-            "{sensor_type: camera, comment: VI-Sensor cam0, T_BS: {cols: 4, rows: 4, data: []}, rate_hz: 20, "
-            f"distortion_model: radial-tangential, distortion_coefficients: [-0.28, 0.07, 2e-4, 1e-5], {GOOD}}}",
-            ("radtan", [-0.28, 0.07, 2e-4, 1e-5]),
-        ),
-        (
-            "{frame_id: cam0, is_static: true, distortion_model: fisheye, distortion_coeffs: [0.1, 0, 0, 0], "
-            f"tagtopic: /t, wiggle_rotation: 0.01, {GOOD}}}",
-            ("equidistant", [0.1, 0, 0, 0]),
-        ),
-        (
-            "{camera_name: left, distortion_model: plumb_bob, projection_matrix: {rows: 3, cols: 4, data: []}, "
-            f"distortion_coefficients: {{rows: 1, cols: 5, data: [-0.3, 0.1, 0, 0, 0.01]}}, {GOOD}}}",
-            ("plumb_bob", [-0.3, 0.1, 0, 0, 0.01]),
-        ),
-        (f"{{distortion_model: none, distortion_coeffs: [], {GOOD}}}", ("none", [])),
+        ("cam_overlaps: [1], camera_model: pinhole, distortion_model: radtan, distortion_coeffs: [-0.2, 0.1, 0, 0], "
+         "timeshift_cam_imu: 0.01, T_cam_imu: [[1, 0, 0, 0]], T_imu_cam: [], line_delay: 1e-5",
+         ("radtan", [-0.2, 0.1, 0, 0])),
+        ("sensor_type: camera, comment: VI-Sensor cam0, T_BS: {cols: 4, rows: 4, data: []}, rate_hz: 20, "
+         "distortion_model: radial-tangential, distortion_coefficients: [-0.28, 0.07, 2e-4, 1e-5]",
+         ("radtan", [-0.28, 0.07, 2e-4, 1e-5])),
+        ("frame_id: cam0, is_static: true, distortion_model: fisheye, distortion_coeffs: [0.1, 0, 0, 0], "
+         "tagtopic: /t, wiggle_rotation: 0.01", ("equidistant", [0.1, 0, 0, 0])),
+        ("camera_name: left, distortion_model: plumb_bob, projection_matrix: {rows: 3, cols: 4, data: []}, "
+         "distortion_coefficients: {rows: 1, cols: 5, data: [-0.3, 0.1, 0, 0, 0.01]}",
+         ("plumb_bob", [-0.3, 0.1, 0, 0, 0.01])),
+        ("distortion_model: none, distortion_coeffs: []", ("none", [])),
     ],
-)
+)  # fmt: skip
 def test_what_other_tools_write_is_read(tmp_path: Path, entry: str, distortion: tuple[str, list[float]]):
-    (tmp_path / "cameras.yaml").write_text(f"%YAML:1.0\n---\ncam0: {entry}\n")
+    (tmp_path / "cameras.yaml").write_text(f"%YAML:1.0\n---\ncam0: {{{entry}, {GOOD}}}\n")
     (camera,) = read_cameras(tmp_path)
     assert (camera.distortion_model, camera.distortion.tolist()) == distortion
     assert camera.intrinsics.tolist() == [500, 501, 320, 240]
 
 
+SIZE = "resolution: [640, 480]"
+
+
 @pytest.mark.parametrize(
     ("entry", "says"),
     [
-        (f"{{distortion_model: radtan, distortion_coefs: [1, 0, 0, 0], {GOOD}}}", "mean 'distortion_coeffs'"),
-        (
-            f"{{distortion_model: radtan, {GOOD}}}",
-            "model is radtan, but there are no distortion_coeffs; expected its 4 or 5",
-        ),
-        (f"{{distortion_model: equidistant, distortion_coeffs: , {GOOD}}}", "expected its 4 coefficients, or .* none"),
-        (f"{{distortion_model: equidistant, distortion_coeffs: [1, 2, 3, 4, 5], {GOOD}}}", "has 5 numbers, expected 4"),
-        (f"{{distortion_coeffs: [0.1, 0, 0, 0], {GOOD}}}", "has distortion_coeffs but no distortion_model"),
-        (f"{{distortion_coeffs: [0], distortion_coefficients: [0], distortion_model: radtan, {GOOD}}}", "has both"),
-        ("{camera_matrix: {data: [5]}, resolution: [4, 4]}", r"expected intrinsics: \[fx, fy, cx, cy\]"),
-        ("{image_width: 640, image_height: 480, intrinsics: [1, 1, 1, 1]}", r"expected resolution: \[width, height\]"),
-        (
-            "{model_type: PINHOLE, projection_parameters: {fx: 1}}",
-            "model_type is no key .*; expected camera_model: pinhole",
-        ),
-        (
-            "{intrinsics: [500, 0, 320, 0, 501, 240, 0, 0, 1], resolution: [640, 480]}",
-            r"has 9 numbers, expected 4 .*\(fx",
-        ),
-        ("{intrinsics: {fx: 1, fy: 1}, resolution: [640, 480]}", "intrinsics is .*, expected 4 numbers"),
-        ("{intrinsics: [500, 501, 320, 240], resolution: 640x480}", r"resolution is '640x480', .*\(width, height\)"),
-        ("{intrinsics: [500, 501, 320, 240], resolution: [640.5, 480]}", "expected whole numbers of pixels"),
-        (f"{{rate_hz: 0, {GOOD}}}", "rate_hz is 0, expected a positive number"),
-        (f"{{clock_offset: .inf, {GOOD}}}", "clock_offset is inf, expected a finite number"),
-        (f"{{wiggle_rotation: -1, {GOOD}}}", "expected none below 0"),
-        (f"{{rostopic: [1], {GOOD}}}", r"rostopic is \[1\], .* expected names"),
-        ("{intrinsics: [1, 2, x, 4], resolution: [4, 4]}", "intrinsics is 'x'"),
-        (f"{{distortion_model: fov, {GOOD}}}", "fov"),
-        (f"{{camera_model: omni, {GOOD}}}", "omni"),
-        ("pinhole", "cam0 is 'pinhole', expected a camera's name with its intrinsics and resolution"),
+        (f"distortion_model: radtan, distortion_coefs: [1, 0, 0, 0], {GOOD}", "mean 'distortion_coeffs'"),
+        (f"distortion_model: radtan, {GOOD}", "radtan, but there are no distortion_coeffs; expected its 4 or 5"),
+        (f"distortion_model: equidistant, distortion_coeffs: , {GOOD}", "expected its 4 coefficients, or .* none"),
+        (f"distortion_model: equidistant, distortion_coeffs: [1, 2, 3, 4, 5], {GOOD}", "has 5 numbers, expected 4"),
+        (f"distortion_coeffs: [0.1, 0, 0, 0], {GOOD}", "has distortion_coeffs but no distortion_model"),
+        (f"distortion_coeffs: [0], distortion_coefficients: [0], distortion_model: radtan, {GOOD}", "has both"),
+        ("camera_matrix: {data: [5]}, resolution: [4, 4]", r"expected intrinsics: \[fx, fy, cx, cy\]"),
+        ("image_width: 640, image_height: 480, intrinsics: [1, 1, 1, 1]", r"expected resolution: \[width, height\]"),
+        ("model_type: PINHOLE, projection_parameters: {fx: 1}", "model_type is no key .*; expected camera_model"),
+        (f"intrinsics: [500, 0, 320, 0, 501, 240, 0, 0, 1], {SIZE}", r"has 9 numbers, expected 4 .*\(fx"),
+        (f"intrinsics: {{fx: 1, fy: 1}}, {SIZE}", "intrinsics is .*, expected 4 numbers"),
+        ("intrinsics: [1, 2, x, 4], resolution: [4, 4]", "intrinsics is 'x'"),
+        ("intrinsics: [500, 501, 320, 240], resolution: 640x480", r"resolution is '640x480', .*\(width, height\)"),
+        ("intrinsics: [500, 501, 320, 240], resolution: [640.5, 480]", "expected whole numbers of pixels"),
+        (f"rate_hz: 0, {GOOD}", "rate_hz is 0, expected a positive number"),
+        (f"clock_offset: .inf, {GOOD}", "clock_offset is inf, expected a finite number"),
+        (f"wiggle_rotation: -1, {GOOD}", "expected none below 0"),
+        (f"rostopic: [1], {GOOD}", r"rostopic is \[1\], .* expected names"),
+        (f"distortion_model: fov, {GOOD}", "fov"),
+        (f"camera_model: omni, {GOOD}", "omni"),
     ],
-)
+)  # fmt: skip
 def test_a_value_that_no_camera_has_is_named_with_what_is_expected(tmp_path: Path, entry: str, says: str):
-    (tmp_path / "cameras.yaml").write_text(f"cam0: {entry}\n")
+    (tmp_path / "cameras.yaml").write_text(f"cam0: {{{entry}}}\n")
     with pytest.raises(FileError, match=says) as caught:
         read_cameras(tmp_path)
     assert "cameras.yaml: cam0" in str(caught.value)
@@ -140,6 +123,7 @@ def test_a_value_that_no_camera_has_is_named_with_what_is_expected(tmp_path: Pat
     [
         ("cameras.yaml", "", "no mapping"),
         ("cameras.yaml", "cam0: [", "YAML"),
+        ("cameras.yaml", "cam0: pinhole", "cam0 is 'pinhole', expected a camera's name with its intrinsics"),
         ("camera_poses.yaml", "Cam0: {pose: {}}", r"has no pose of a camera of cameras.yaml \(cam0\), but Cam0"),
         ("camera_poses.yaml", "cam0: {pos: {}}", "cam0.pos is no key|expected pose with position"),
         ("camera_poses.yaml", "cam0: {pose: {positon: {x: 0, y: 0, z: 0}}}", "positon is no key.*mean 'position'"),

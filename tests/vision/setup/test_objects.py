@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import gtsam
 import numpy as np
 import pytest
 
@@ -13,7 +12,7 @@ from tossid.errors import ObjectError
 from tossid.objects import ObjectModel, body_poses
 from tossid.rotations import quat_normalize, transform, transform_inv
 from tossid.vision.setup.faces import tag_corners
-from tossid.vision.setup.hinge import Hinge, Hinges
+from tossid.vision.setup.hinge import Hinges
 from tossid.vision.setup.layout import articulated, layout_of, object_tags
 from tossid.vision.setup.tag_sheet import PAPERS, tag_sheets
 from tossid.vision.setup.tagslam import read_tagslam, write_tagslam
@@ -56,20 +55,8 @@ def test_a_tag_larger_than_the_paper_is_refused(tagged: ObjectModel) -> None:
         tag_sheets(large)
 
 
-def _hinge(model: ObjectModel) -> Hinge:
-    hinge = articulated(layout_of(model), model).bodies[-1].hinge
-    assert hinge is not None
-    return hinge
-
-
-def _some_hinge(rng: np.random.Generator, parent: str = "a") -> Hinge:
-    axis = rng.normal(size=3)
-    T = transform(0.1 * rng.normal(size=3), quat_normalize(rng.normal(size=4)))
-    return Hinge(parent, T, axis / np.linalg.norm(axis), 0.05 * rng.normal(size=3))
-
-
 def test_a_hinge_is_the_objects_own(elbow: ObjectModel) -> None:
-    rng, hinge = np.random.default_rng(0), _hinge(elbow)
+    rng, hinge = np.random.default_rng(0), articulated(layout_of(elbow), elbow).bodies[-1].hinge
     for angle in rng.uniform(-3, 3, 20):
         q = np.array([*rng.normal(size=3), *quat_normalize(rng.normal(size=4)), angle])
         base, limb = (transform(p, quat) for p, quat in zip(*body_poses(elbow, q), strict=True))
@@ -78,22 +65,3 @@ def test_a_hinge_is_the_objects_own(elbow: ObjectModel) -> None:
         assert hinge.misfit(transform_inv(base) @ limb) == pytest.approx(0.0, abs=1e-9)
         flipped = limb @ transform(np.zeros(3), np.array([0.0, 1.0, 0.0, 0.0]))
         assert hinge.misfit(transform_inv(base) @ flipped) > 100
-
-
-def test_how_a_chain_moves() -> None:
-    rng = np.random.default_rng(1)
-    hinges, angles = Hinges.of([_some_hinge(rng) for _ in range(3)]), rng.uniform(-2, 2, 3)
-    T_root = transform(rng.normal(size=3), quat_normalize(rng.normal(size=4)))
-    T, J = hinges.swing(T_root, angles)
-    for k in range(9):
-        ends = []
-        for step in (1e-6, -1e-6):
-            root, turned = gtsam.Pose3(T_root), angles.copy()
-            if k < 6:
-                root = root.retract(step * np.eye(6)[k])
-            else:
-                turned[k - 6] += step
-            ends.append(hinges.swing(root.matrix(), turned)[0])
-        numerical = (gtsam.Pose3(T).localCoordinates(gtsam.Pose3(ends[0])) * 1.0) / 2e-6
-        numerical -= gtsam.Pose3(T).localCoordinates(gtsam.Pose3(ends[1])) / 2e-6
-        np.testing.assert_allclose(J[:, k], numerical, atol=1e-6)

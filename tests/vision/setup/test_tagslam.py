@@ -87,19 +87,13 @@ squash:
         ("bodies: [{cube: {is_static: false, tags: [{id: 1}]}}]", "size"),
         ("bodies: [{cube: {is_static: false, tags: [{id: 1, size: 1}, {id: 1, size: 1}]}}]", "twice"),
         ("bodies: [{cube: {is_static: false, tags: [{id: 1, size: 1, pose: {position: 3}}]}}]", "rotation"),
-        (
-            "bodies: [{a: {is_static: true, tags: [{id: 1, size: 1}]}}, "
-            "{b: {is_static: true, tags: [{id: 1, size: 1}]}}]",
-            "tag 1 is listed twice",
-        ),
+        ("bodies: [{a: {is_static: true, tags: [&t {id: 1, size: 1}]}}, {b: {is_static: true, tags: [*t]}}]",
+         "tag 1 is listed twice"),
         ("bodies: [{a: {is_static: false, pose: {}}}]", "moves"),
         ("bodies: [{a: {is_static: true}}]\nsquash: [{tags: [1]}]", "time or a camera"),
         ("bodies: [{a: {is_static: true}}]\ndistance_measurements: [{d: {tag1: 1}}]", "tag2"),
-        (
-            "bodies: [{a: {is_static: true}}]\n"
-            "plane_measurements: [{d: {tags: [1], direction: [1, 1, 0], distance: 1, noise: 1}}]",
-            "unit vector",
-        ),
+        ("bodies: [{a: {is_static: true}}]\nplane_measurements: [{d: {tags: [1], direction: [1, 1, 0], distance: 1, "
+         "noise: 1}}]", "unit vector"),
         (f"bodys: []\nbodies: [box: {BOX}}}]", "bodys is no key that is read; did you mean 'bodies'"),
         (f"remap: []\nbodies: [box: {BOX}}}]", "remap is no key that is read; expected tag_id_remap"),
         (f"body_defaults: {{pos_noise: 1}}\nbodies: [box: {BOX}}}]", "body_defaults.pos_noise .* 'position_noise'"),
@@ -107,13 +101,10 @@ squash:
         (f"bodies: [box: {BOX}, fixed: true}}]", "box.fixed is no key that is read; expected one of is_static"),
         ("bodies: [box: {is_static: false, tags: 5}]", "box.tags is 5, expected a list of tags"),
         ("bodies: [box: {is_static: false, tags: [{id: 1, sise: 0.1}]}]", r"box.tags\[1\].sise .* 'size'"),
-        (
-            f"distance_measurements: [a: {{tag1: 1, tag2: 2, corner1: 0, corner2: 0, length: 1, noise: 1}}]\n"
-            f"bodies: [box: {BOX}}}]",
-            "distance_measurements.a.length is no key",
-        ),
+        (f"distance_measurements: [a: {{tag1: 1, tag2: 2, corner1: 0, corner2: 0, length: 1, noise: 1}}]\n"
+         f"bodies: [box: {BOX}}}]", "distance_measurements.a.length is no key"),
     ],
-)
+)  # fmt: skip
 def test_what_a_scene_cannot_say_is_named(tmp_path: Path, text: str, words: str):
     (tmp_path / "tagslam.yaml").write_text(text)
     with pytest.raises(FileError, match=words):
