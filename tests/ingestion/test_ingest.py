@@ -1,11 +1,8 @@
-"""`tossid.ingest`: films, tracked poses and a format that a stranger registers become the same kind of dataset."""
+"""`tossid.ingest`: films and tracked poses become the same kind of dataset."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import pytest
@@ -17,9 +14,7 @@ from tossid.errors import ConfigError, FileError
 from tossid.ingestion.ingest import ingest_source
 from tossid.ingestion.progress import IngestWarning, Progress
 from tossid.objects import ObjectModel
-from tossid.settings.kinds import Positive
 from tossid.store import read_dataset, write_tum
-from tossid.store.importers.registry import FORMATS, Imported, register_importer
 from tossid.types import Phase, PoseTrack, Toss
 from tossid.vision.recordings.formats.frames import FramesSource
 
@@ -52,7 +47,6 @@ def test_a_film_becomes_tosses_in_a_file_or_in_memory(filmed: Filmed, tagged: Ob
         index = np.abs(true.t[:, None] - toss.t).argmin(axis=0)
         assert np.linalg.norm(toss.q[:, :3] - true.q[index, :3], axis=1).max() < 2e-3
     report = found.report
-    assert report.track is not None
     assert report.detect["tags"] == dataset.provenance["n_detections"] > 0
     assert report.track.n_poses == dataset.provenance["n_poses"] > 100
     assert report.ground is None  # two tosses have too few rests for a plane
@@ -98,42 +92,3 @@ def test_problems_are_warnings_and_tosses_with_defects_can_be_set_aside(
     with pytest.warns(IngestWarning, match="1 of 5 tosses have defects"):
         dataset = tossid.ingest(tmp_path / "tum", defects="set_aside")
     assert [toss.name for toss in dataset.tosses if not toss.split] == [fast.name]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ToySource:
-    """One file of poses of all tosses: toss, time, x, y, z, qw, qx, qy, qz."""
-
-    name: Literal["toy"] = "toy"
-    """toy tables"""
-    path: Path
-    """the table"""
-    unit: Positive = 1.0
-    """unit of length [m]"""
-
-
-def read_toy(source: ToySource, model: ObjectModel) -> Imported:
-    rows = np.loadtxt(source.path, delimiter=",", ndmin=2)
-    tracks = []
-    for number in np.unique(rows[:, 0]):
-        own = rows[rows[:, 0] == number]
-        tracks.append(PoseTrack(f"{number:g}", own[:, 1], np.hstack([own[:, 2:5] * source.unit, own[:, 5:]])))
-    return Imported(tracks)
-
-
-@pytest.fixture
-def toy(tmp_path: Path, tosses: tuple[Toss, ...]) -> Iterator[Path]:
-    """A table in millimetres, and its format registered."""
-    rows = [np.column_stack([np.full(len(x), i), x.t, 1e3 * x.q[:, :3], x.q[:, 3:]]) for i, x in enumerate(tosses)]
-    np.savetxt(tmp_path / "tosses.toy", np.concatenate(rows), delimiter=",", fmt="%.17g")
-    register_importer(ToySource, read_toy, recognizes=lambda path: path.suffix == ".toy", cut_at_rest=True)
-    yield tmp_path / "tosses.toy"
-    del FORMATS["toy"]
-
-
-def test_a_registered_format_is_ingested_like_the_others(toy: Path, tum: Path) -> None:
-    dataset, same = tossid.ingest(toy, source="toy", unit=1e-3), tossid.ingest(tum)
-    assert dataset.source == "toy"
-    for one, other in zip(dataset.tosses, same.tosses, strict=True):
-        np.testing.assert_allclose(one.q, other.q, atol=1e-9)
-        np.testing.assert_allclose(one.v, other.v, atol=1e-6)

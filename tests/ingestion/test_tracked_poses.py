@@ -16,7 +16,6 @@ from tossid.errors import ConfigError, FileError, InputError
 from tossid.ingestion.progress import Progress
 from tossid.motion.links import body_tracks
 from tossid.objects import ObjectModel, corner_heights
-from tossid.rotations import quat_exp, quat_mul
 from tossid.settings.objects import UnknownObjectSettings
 from tossid.settings.training import TrainSettings
 from tossid.store import read_dataset, write_tum
@@ -66,17 +65,6 @@ def test_a_hinge_that_is_none_is_refused(ingested: Path, tmp_path: Path) -> None
         read_dataset(copy)
 
 
-def test_links_that_are_fixed_to_each_other_are_refused(links: list[list[PoseTrack]], tmp_path: Path) -> None:
-    turn = quat_exp(np.array([0.1, 0.2, 0.3]))
-    stiff = [
-        PoseTrack(track.name, track.t, np.concatenate([track.q[:, :3], quat_mul(track.q[:, 3:7], turn)], axis=1))
-        for track in links[0]
-    ]
-    write_tum(tmp_path, links[0], second=stiff)
-    with pytest.raises(InputError, match="the joint hardly moves"):
-        tossid.ingest(tmp_path, source="tum", object=LINKS)
-
-
 def test_a_source_with_one_body_is_refused(links: list[list[PoseTrack]], tmp_path: Path) -> None:
     write_tum(tmp_path, links[0])
     with pytest.raises(FileError, match=r"0\.link_2\.txt: is missing"):
@@ -100,7 +88,7 @@ def _written(folder: Path, cube: ObjectModel, *, up: float = 0.0, header: str | 
     return folder
 
 
-@pytest.mark.parametrize("up", [0.72, -0.3, 0.04])
+@pytest.mark.parametrize("up", [-0.3, 0.04])
 def test_the_ground_is_where_tosses_rest(cube: ObjectModel, tmp_path: Path, up: float) -> None:
     said = list[str]()
 

@@ -92,6 +92,7 @@ def test_an_interrupted_film_leaves_what_was_there(tmp_path: Path) -> None:
     [
         ({"clocks_s": (0, 0, 0, 0.1)}, "camera.clocks_s: has 4 values for 3 cameras"),
         ({"line_s": 0.001}, "512 rows follow each other by 0.001 s"),
+        ({"clocks_s": (-30, 0, 0)}, "'cam0': its clock would give times before zero"),
     ],
 )
 def test_what_cannot_be_filmed_is_said(tmp_path: Path, keys: dict[str, Any], message: str) -> None:

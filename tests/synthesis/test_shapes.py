@@ -1,12 +1,14 @@
-"""Shapes tossed in MuJoCo, and by the exact contact."""
+"""Shapes and linked shapes tossed in MuJoCo, and by the exact contact."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from experiments.tossed_links import toss_links
 from experiments.tossed_shapes import SHAPES, ShapeTossSettings, toss_shape
-from tossid.objects.roundness import directions
+from tossid.motion.hinge import find_hinge
+from tossid.objects import unstated_object
 from tossid.rotations import quat_to_matrix
 
 
@@ -23,22 +25,21 @@ def test_a_shape_lands_on_its_hull(name: str) -> None:
     assert (np.linalg.eigvalsh(made.object.inertia) > 0).all()
 
 
-def test_both_engines_toss_alike_until_the_ground() -> None:
-    """And the exact contact does not sink in."""
-    one, two = (toss_shape("wedge", ShapeTossSettings(tosses=3, engine=engine)) for engine in ("mujoco", "lcp"))
-    for a, b in zip(one.truth, two.truth, strict=True):
-        low = a.q[:, 2] + (quat_to_matrix(a.q[:, 3:7])[:, 2] @ one.hull.T).min(axis=1)
-        flight = int(np.argmax(low < 0.02))
-        assert flight > 20
-        # one engine moves a step with the velocity at its end, the other with the mean
-        assert b.q[:flight] == pytest.approx(a.q[:flight], abs=2e-3)
-        lowest = b.q[:, 2] + (quat_to_matrix(b.q[:, 3:7])[:, 2] @ two.hull.T).min(axis=1)
-        assert lowest.min() > -1e-5
-
-
-def test_the_object_of_a_shape_reaches_as_far_as_its_hull() -> None:
-    """Also where a mesh stands for something round."""
-    ways = directions(300)
-    for name in ("wedge", "ellipsoid", "rounded disc"):
-        made = toss_shape(name, ShapeTossSettings(tosses=1, step=1e-3))
-        assert made.object.support(ways).max(axis=1) == pytest.approx((ways @ made.hull.T).max(axis=1), abs=2e-4)
+@pytest.mark.parametrize("engine", ["mujoco", "lcp"])
+def test_links_land_on_their_corners_and_keep_their_hinge(engine: str) -> None:
+    made = toss_links(ShapeTossSettings(tosses=3, engine=engine, step=2e-4, frames=90))
+    found = find_hinge(*made.truth)
+    point, axis = made.hinge()
+    assert abs(found.hinge.axis @ axis) == pytest.approx(1, abs=1e-9)
+    assert np.cross(found.hinge.pos - point, axis) == pytest.approx(np.zeros(3), abs=1e-6)
+    true = made.in_tracked_frames(unstated_object(hinge=found.hinge))
+    for number in range(3):
+        lowest = []
+        for body, tracks in enumerate(made.truth):
+            corners, q = true.corner_pos[true.corner_body == body], tracks[number].q
+            lowest.append(q[:, 2] + (quat_to_matrix(q[:, 3:7])[:, 2] @ corners.T).min(axis=1))
+        both = np.min(lowest, axis=0)
+        assert both[0] == pytest.approx(0.25, abs=1e-6)
+        assert -2e-3 < both.min() < 1e-3
+    off = np.concatenate([a.q[:, :3] - b.q[:, :3] for a, b in zip(made.first, made.truth[0], strict=True)])
+    assert off.std() == pytest.approx(1.5e-4, rel=0.2)

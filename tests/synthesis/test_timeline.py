@@ -9,16 +9,12 @@ import numpy as np
 import pytest
 
 from tests.vision.films import film_of
-from tests.vision.sights import track
 from tests.vision.tosses import thrown
 from tossid.errors import InputError
 from tossid.objects import ObjectModel, corner_positions
 from tossid.rotations import geodesic_angle
-from tossid.settings.rendering import RenderSettings
 from tossid.synthesis.timeline import Filming, Timeline, make_timeline, render_timeline
 from tossid.vision.cameras.rig import default_rig
-from tossid.vision.cameras.shutter import Shutter, poses_at
-from tossid.vision.detection.detect import detect_frames
 from tossid.vision.recordings.formats.frames import read_recording
 from tossid.vision.recordings.writing import RecordingWriter
 from tossid.vision.setup.layout import layout_of
@@ -77,16 +73,6 @@ def test_images_depend_on_the_seed_and_not_on_threads(made, tagged: ObjectModel,
     np.testing.assert_array_equal(images[0], images[1])
 
 
-def test_an_offset_clock_is_found_and_reported(tagged: ObjectModel, timeline: Timeline, rig, tmp_path: Path):
-    rig = rig[:2]
-    recording, _ = film_of(timeline, tagged, rig, tmp_path / "r", Filming(clocks={"cam1": 0.012}))
-    assert recording.frames["cam1"][0].t_ns == recording.frames["cam0"][0].t_ns + 12_000_000
-    poses, report = track(list(detect_frames(recording, tagged)), recording.cameras, tagged)
-    assert report.clocks.keys() == {"cam1"}
-    assert report.clocks["cam1"][0] == pytest.approx(0.012, abs=2e-4)
-    assert np.median(np.linalg.norm(poses.q[:, :3] - poses_at(timeline.t, timeline.q, poses.t)[:, :3], axis=1)) < 3e-4
-
-
 def test_dropped_frames_are_gone_and_the_others_as_they_were(
     tagged: ObjectModel, timeline: Timeline, rig, tmp_path: Path
 ):
@@ -101,12 +87,3 @@ def test_dropped_frames_are_gone_and_the_others_as_they_were(
     for file in part.frames["cam1"][:20]:
         twin = next(other for other in whole.frames["cam1"] if other.t_ns == file.t_ns)
         assert file.path.read_bytes() == twin.path.read_bytes()
-
-
-def test_what_cannot_be_filmed_is_refused(tagged: ObjectModel, timeline: Timeline, rig, tmp_path: Path):
-    with pytest.raises(InputError, match="384 rows follow each other"):
-        film_of(timeline, tagged, rig, tmp_path / "r", Filming(Shutter(0.001, 1e-4)))
-    with pytest.raises(InputError, match="before zero"):
-        film_of(timeline, tagged, rig, tmp_path / "r", Filming(clocks={"cam0": -3.0}))
-    with pytest.raises(InputError, match="focus"):
-        RenderSettings(focus_m=0.0)

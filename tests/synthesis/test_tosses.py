@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tossid import synthesize
 from tossid.objects import corner_positions, load_object
 from tossid.rotations import quat_boxminus
-from tossid.settings.synthesis import LcpEngine, NoiseSettings, ReleaseSettings, SynthesizeSettings
-from tossid.synthesis.tosses import add_noise, draw_releases, frames_until_rest, make_tosses
+from tossid.settings.synthesis import NoiseSettings, ReleaseSettings, SynthesizeSettings
+from tossid.synthesis.tosses import draw_releases, frames_until_rest
 
 CUBE = load_object("cube")
 
@@ -37,18 +38,14 @@ def test_a_motion_is_cut_where_it_rests() -> None:
     assert frames_until_rest(CUBE, q[:45], settings) == 45
 
 
-def test_noise_is_as_stated() -> None:
-    settings = SynthesizeSettings(engine=LcpEngine(), tosses=20, seconds=0.5)
-    tosses, _ = make_tosses(settings, CUBE, np.random.default_rng(0))
+def test_noise_is_as_stated_and_the_truth_is_what_it_was_added_to() -> None:
     noise = NoiseSettings(position=1e-3, rotation=2e-2, velocity=0.05, spin=0.3)
-    measured = add_noise(tosses, CUBE, noise, np.random.default_rng(1))
-    pairs = list(zip(measured, tosses, strict=True))
-    dq = np.concatenate([m.q[:, :3] - t.q[:, :3] for m, t in pairs])
+    dataset = synthesize("cube", engine="lcp", tosses=20, seconds=0.5, noise=noise)
+    assert {toss.split for toss in dataset.tosses} == {"train", "validation", "test"}
+    pairs = list(zip(dataset.tosses, dataset.truth.tosses, strict=True))
     turn = np.concatenate([quat_boxminus(m.q[:, 3:7], t.q[:, 3:7]) for m, t in pairs])
-    dv = np.concatenate([m.v - t.v for m, t in pairs])
-    assert dq.std() == pytest.approx(1e-3, rel=0.05)
-    assert turn.std() == pytest.approx(2e-2, rel=0.05)
-    assert dv[:, :3].std() == pytest.approx(0.05, rel=0.05)
-    assert dv[:, 3:].std() == pytest.approx(0.3, rel=0.05)
-    assert np.sqrt(measured[0].q_cov[0, 4, 4]) == pytest.approx(2e-2)
-    assert np.sqrt(measured[0].v_cov[0, 0, 0]) == pytest.approx(0.05)
+    place, speed = (np.concatenate([getattr(m, x) - getattr(t, x) for m, t in pairs]) for x in ("q", "v"))
+    for found, sigma in ((place[:, :3], 1e-3), (turn, 2e-2), (speed[:, :3], 0.05), (speed[:, 3:], 0.3)):
+        assert found.std() == pytest.approx(sigma, rel=0.05)
+    measured = dataset.tosses[0]
+    assert np.sqrt([measured.q_cov[0, 4, 4], measured.v_cov[0, 0, 0]]) == pytest.approx([2e-2, 0.05])
