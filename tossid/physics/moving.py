@@ -74,67 +74,56 @@ def make_state(nq, nv, n_hidden):  # type: ignore[no-untyped-def]
 @by_type
 def n_rates(model):  # type: ignore[no-untyped-def]
     """n_x, known when compiled if the model has no joints, so that loops over it are unrolled."""
-    raise NotImplementedError
 
 
 @by_type
 def inverse_mass(model, work):  # type: ignore[no-untyped-def]
     """1 / m [1/kg]."""
-    raise NotImplementedError
 
 
 @by_type
 def kinematics(model, work, s):  # type: ignore[no-untyped-def]
     """The bodies' poses and spins at s.q, s.v; s.R is already there."""
-    raise NotImplementedError
 
 
 @by_type
 def accelerate(model, work, s, h):  # type: ignore[no-untyped-def]
     """Free accelerations s.a and s.rate over a step of length h, and the factor work.L. Whether M is positive."""
-    raise NotImplementedError
 
 
 @by_type
 def act_on_free(model, work, s, h):  # type: ignore[no-untyped-def]
     """What changes the free velocities s.v_next[:3] and s.xi of a step of length h beside accelerations."""
-    raise NotImplementedError
 
 
 @by_type
 def common_velocity(model, work, xi, first):  # type: ignore[no-untyped-def]
     """Velocity of the common centre of mass from the base's origin's, base's axes, for the rates from xi[first]."""
-    raise NotImplementedError
 
 
 @by_type
 def corner_place(model, work, s, c):  # type: ignore[no-untyped-def]
     """Place of corner c from the base's origin, base's axes; of a round one, its lowest point's."""
-    raise NotImplementedError
 
 
 @by_type
 def contact_row(model, work, s, corners, c, k):  # type: ignore[no-untyped-def]
     """corners.tau[c, k] (n_x,) of corner c along world direction k of (z, x, y). After `accelerate`."""
-    raise NotImplementedError
 
 
 @by_type
 def whiten(model, work, corners, c, k, column):  # type: ignore[no-untyped-def]
     """corners.G[:, column] = W^T tau[c, k], with S^-1 = W W^T."""
-    raise NotImplementedError
 
 
 @by_type
 def add_impulse(model, work, g, xi, out):  # type: ignore[no-untyped-def]
     """out = xi + W g: the rates after the impulses' sum g = sum G lam. Overwrites g."""
-    raise NotImplementedError
 
 
 @by_type
 def spin_row(model, work, body, a0, a1, a2, row):  # type: ignore[no-untyped-def]
     """row (n_x,) with row . xi the spin of a body about the direction a (base's axes)."""
-    raise NotImplementedError
 
 
 @by_type
@@ -143,4 +132,3 @@ def turning(model, work, s, corners, c, k):  # type: ignore[no-untyped-def]
 
     Of a round corner, the vertical one is that of its lowest point, which is not always the same one.
     """
-    raise NotImplementedError

@@ -43,7 +43,6 @@ class Both(NamedTuple):
 @by_type
 def wrench_of(force, position, velocity, spin):  # type: ignore[no-untyped-def]
     """Force [N] and torque [N m], two tuples of three, world axes, as `register_force` explains them."""
-    raise NotImplementedError
 
 
 def register_force(kind: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:

@@ -43,7 +43,6 @@ def check_solver(solver: ContactSolver, *, relaxed: bool) -> None:
 @by_type
 def solve_contact(solver, A, V, index, n, tolerance):  # type: ignore[no-untyped-def]
     """Solve A, V[B], V[MU] of n contacts in place of V[LAM], the warm start; returns (status, KKT error [m/s])."""
-    raise NotImplementedError
 
 
 def register_solver(kind: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
