@@ -98,7 +98,7 @@ def test_a_stage_that_leaves_no_body_is_a_failure_with_its_name(cube: ObjectMode
     class Runaway(ContactNets):
         def learned_object(self) -> ObjectModel:
             learned = super().learned_object()
-            return learned if (learned.corner_pos == self.object.corner_pos).all() else cube.with_changes(friction=-1.0)
+            return learned if abs(learned.friction - 0.3) < 1e-9 else cube.with_changes(friction=-1.0)
 
     made = tosses(cube, 6, seed=0)
     model = Runaway(cube.with_changes(friction=0.3), ModelSettings(horizons=()))
