@@ -31,7 +31,7 @@ from tossid.diagnosis.inference.evidence import Evidence, collect, log_likelihoo
 from tossid.diagnosis.inference.fitting import Fit, fit
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.screening import Screening, Start
-from tossid.diagnosis.inference.stretches import Blocks, Change
+from tossid.diagnosis.inference.stretches import Blocks, Change, from_zero
 from tossid.physics.effects import Effect
 
 Array = NDArray[np.float64]
@@ -206,7 +206,7 @@ def _joined(columns: Sequence[Columns]) -> Columns:
 
 def _fitted_to_blocks(segments: _Segments, candidate: MayChange, edges: Iterable[int]) -> Blocks:
     """An effect fitted to blocks of few tosses, none of which has an edge within, each from where its columns lead."""
-    name, gain, fits = candidate.effect.name, 0.0, list[Fit]()
+    name, fits = candidate.effect.name, list[Fit]()
     size = np.array([p.step for p in candidate.effect.parameters])
     for first, stop in pairwise(sorted({*segments.edges, *edges})):
         blocks = np.linspace(first, stop, max((stop - first) // FEWEST, 1) + 1).round().astype(int)
@@ -225,8 +225,7 @@ def _fitted_to_blocks(segments: _Segments, candidate: MayChange, edges: Iterable
             )
             held = frozenset(near.hypothesis.names) - {name}
             fits.append(fit(near, near.hypothesis, n=b - a, iterations=ITERATIONS, held=held))
-            gain += float(log_likelihood_ratio(fits[-1].evidence, part).sum())
-    return Blocks.of(candidate.effect, fits, gain)
+    return Blocks(candidate.effect, from_zero(fits, frozenset({name})))
 
 
 def _evidence_at(part: Evidence, h: Hypothesis) -> Evidence:

@@ -161,28 +161,11 @@ class Blocks:
 
     Attributes:
         effect: The effect.
-        columns: Its own, with derivatives in each block, of values counted from zero.
-        values: (n, P) fitted, in declared steps.
-        gain: Of log-likelihood, by all blocks.
+        columns: Its own (n tosses, P), with derivatives in each block, of values counted from zero.
     """
 
     effect: Effect
     columns: Columns
-    values: Array
-    gain: float
-
-    @staticmethod
-    def of(effect: Effect, fits: Sequence[Fit], gain: float) -> Blocks:
-        """From fits to tosses that follow each other.
-
-        Args:
-            effect: The only one that was fitted.
-            fits: Of the blocks.
-            gain: Of log-likelihood, by all of them.
-        """
-        size = [p.step for p in effect.parameters]
-        values = [np.tile(each.hypothesis.values_of(effect.name) / size, (each.n, 1)) for each in fits]
-        return Blocks(effect, from_zero(fits, frozenset({effect.name})), np.concatenate(values), gain)
 
     def designed(self, design: Array, a: int = 0) -> Columns:
         """Columns of a design of some tosses.
@@ -191,11 +174,11 @@ class Blocks:
             design: (m, q).
             a: The first of the tosses.
         """
-        own = np.arange(self.values.shape[1])
+        own = np.arange(self.columns.g.shape[1])
         return designed(self.columns.of_tosses(a, a + len(design)), NO, (own, design))
 
     def gain_of(self, design: Array) -> float:
-        """Gain of log-likelihood by a design whose values in a toss the others determine.
+        """Gain of log-likelihood over zero by a design whose values in a toss the others determine.
 
         Args:
             design: (n, q).
@@ -203,7 +186,7 @@ class Blocks:
         low, high, size = np.array([(p.low, p.high, p.step) for p in self.effect.parameters]).T
         steps = self.designed(design).left_out().reshape(len(design), design.shape[1], -1)
         values = np.clip(np.einsum("nq,nqp->np", design, steps), low / size, high / size)
-        return self.gain + float((self.columns.gains(values) - self.columns.gains(self.values)).sum())
+        return float(self.columns.gains(values).sum())
 
     def form(self, known: Sequence[int], seed: int) -> tuple[int, ...] | None:
         """The edges of the stretches of steps; None for a drift, if that gains more.
@@ -212,7 +195,7 @@ class Blocks:
             known: First tosses of sessions of the dataset.
             seed: Of the orders that are drawn.
         """
-        n, own = len(self.values), np.arange(self.values.shape[1])
+        n, own = self.columns.n, np.arange(self.columns.g.shape[1])
         edges: tuple[int, ...] = (0, n)
         found = with_step(self.columns, NO, own, edges, known)[1]
         while found != edges:
@@ -234,7 +217,7 @@ class Blocks:
             edges: Of the form.
             known: First tosses of sessions of the dataset.
         """
-        some = self.designed(form_over(edges, len(self.values)))
+        some = self.designed(form_over(edges, self.columns.n))
         own = float((some.gains(some.step()) - some.gains(some.left_out())).sum())
         return own if edges is None else own + _cost_of_moments(edges, known)
 
@@ -245,7 +228,7 @@ class Blocks:
             edges: Of the form.
             p_value: That anything changes by chance.
         """
-        design = form_over(edges, len(self.values))
+        design = form_over(edges, self.columns.n)
         columns = self.designed(design)
         in_si = _in_si(self.effect, columns.step(), columns.covariance())
         return Change(self.effect, edges, p_value, 0.0, design, *in_si)
