@@ -270,6 +270,7 @@ def test_before_anything_joined_the_gap_is_known_and_news_are_said_once(cube: Ob
     report_gap(Problem(tosses, Hypothesis(World(cube)), under_way=under_way))
     early = known_so_far(under_way)
     assert (early.verdict, early.findings, early.as_json()["complete"]) == ("incomplete", (), False)
+    assert 0.0 < early.seconds < 600.0
     assert early.gap.total.low > 1.5
     assert "standard deviations" in news[0]
     assert "takes about" in news[1]

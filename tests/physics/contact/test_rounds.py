@@ -10,6 +10,7 @@ from tests.objects.test_roundness import geom
 from tests.physics.worlds import energy
 from tossid.objects import corner_positions
 from tossid.physics import make_system, simulate
+from tossid.physics.effects import Law, World
 
 # ---------------------------------------------------------------- round corners
 
@@ -23,6 +24,17 @@ def test_a_rolling_sphere_conserves_energy() -> None:
     run = simulate(make_system(ball), q, v, n_steps=148, dt=DT)
     assert energy(ball, run.q[0], run.v[0]) == pytest.approx(energy(ball, q, v)[0], rel=1e-9)
     assert run.q[0, -1, 0] == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.7, 2.0])
+def test_a_rolling_sphere_is_slowed_alike_in_all_directions(heading: float) -> None:
+    """By r g / (1.4 R), where r N is the torque of rolling resistance, and 2/5 m R^2 the inertia."""
+    ball = geom('type="sphere" size="0.05"').with_changes(friction=0.5)
+    along = np.array([np.cos(heading), np.sin(heading), 0.0])
+    q, v = np.array([[0, 0, 0.05, 1, 0, 0, 0.0]]), np.array([[*along, *np.cross([0, 0, 20.0], along)]])
+    run = simulate(World(ball, law=Law(rolling=0.002)).system(), q, v, n_steps=74, dt=DT)
+    slower = 1.0 - 0.002 * 9.81 / (1.4 * 0.05) * 74 * DT
+    assert run.v[0, -1, :3] == pytest.approx(slower * along, abs=2e-3)
 
 
 def test_a_sliding_sphere_ends_at_five_sevenths_of_its_speed() -> None:
