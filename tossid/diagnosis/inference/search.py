@@ -159,16 +159,18 @@ class Search:
     ) -> tuple[Fit, tuple[Round, ...]]:
         """Rounds from a hypothesis until nothing more joins. Effects that are held keep their values."""
         rounds, seen = list[Round](), {_contents(present.hypothesis)}
+        minimal: Fit | None = None  # the last one of which nothing could be pruned: that is not tried twice
         while len(present.hypothesis.effects) < MOST_EFFECTS:
             rounds.append(self._round(present, first, library, held))
             if rounds[-1].joined is None:
-                fewer = self._needed_alone(present, first, held)
+                fewer = present if present is minimal else self._needed_alone(present, first, held)
                 if fewer is present:
                     break
-                present = fewer
+                present = minimal = fewer
             else:
-                present, rounds[-1] = self._joined(rounds[-1], held)
-                present = self._pruned(present, first, held)
+                joined, rounds[-1] = self._joined(rounds[-1], held)
+                present = self._pruned(joined, first, held)
+                minimal = present if present is joined else None
                 is_first = rounds[-1].effect is not None and sum(one.effect is not None for one in rounds) == 1
                 if is_first and _is_rough(present.evidence):
                     present = self._all_at_once(present, first, rounds[-1], held)
@@ -261,7 +263,8 @@ class Search:
             without = self.sample.without(present, name, held)
             gain = self.sample.gains(present, without)
             _log.debug("without %s: Wald %.0f, loses %.1f, margin %.1f", name, wald, gain.sum(), margin(gain))
-            if gain.sum() < margin(gain) or not reduces_deviance(present.evidence, without.evidence, first):
+            needed = gain.sum() > margin(gain)
+            if not (needed and reduces_deviance(present.evidence, without.evidence, first)):
                 return self.sample.reevaluated(without, held)
         return present
 
