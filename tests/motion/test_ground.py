@@ -56,6 +56,18 @@ def test_a_tilted_world_is_levelled(which: str, request: pytest.FixtureRequest) 
         assert level.q_cov is not None
 
 
+def test_poses_of_one_camera_show_the_ground_too(cube: ObjectModel) -> None:
+    rng = np.random.default_rng(5)
+    made = Handling(cube, rng).recording(60.0)
+    turn = quat_exp(np.array([0.3, -0.2, 0.1]))
+    ground = find_ground(turned_track(made.tracked(rng, sigma=2e-3, turn=1e-2), turn, 0.05), cube)
+    normal = quat_to_matrix(turn)[:, 2]
+    assert ground.n_falling > 60
+    assert ground.n_rests > 10
+    assert np.linalg.norm(np.cross(normal, ground.up)) < 3e-3
+    assert abs(ground.height - 0.05 * normal[2]) < 1e-3
+
+
 def test_a_ground_that_slopes_is_said_and_gravity_stays_up(cube: ObjectModel) -> None:
     rng, slope = np.random.default_rng(2), np.deg2rad(2.0)
     gravity = (9.81 * np.sin(slope), 0.0, -9.81 * np.cos(slope))

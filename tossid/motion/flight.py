@@ -113,6 +113,35 @@ def without_line(t: Array) -> Array:
     return np.asarray(np.eye(s.shape[-1]) - line @ line.mT)
 
 
+def acceleration_deviation(noise: Array | float, half: int, dt: float) -> Array:
+    """Standard deviation of a local parabola's acceleration, along each axis [m/s²]: its variance is 720 σ² / N⁵ dt⁴.
+
+    Args:
+        noise: σ, standard deviation of positions [m].
+        half: Frames on each side, N - 1 in all.
+        dt: Time step [s].
+    """
+    return np.asarray(np.sqrt(720.0 / (2 * half + 1) ** 5) * noise / dt**2)
+
+
+def half_width(noise: float, dt: float, *, least: int, certain: float, longest: float) -> int:
+    """Frames on each side of a local parabola: the fewest that make its acceleration as certain as is needed.
+
+    Three cameras or a tracker need `least`. Poses of one camera are noisy along its axis.
+
+    Args:
+        noise: Standard deviation of positions [m].
+        dt: Time step [s].
+        least: The fewest in any case.
+        certain: Standard deviation of the acceleration [m/s²].
+        longest: Time that a parabola spans at most [s].
+    """
+    half = least
+    while acceleration_deviation(noise, half, dt) > certain and 2 * (half + 1) * dt <= longest:
+        half += 1
+    return half
+
+
 def local_parabolas(t: Array, x: Array, half: int, noise: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Velocity and acceleration at each frame, from a parabola through it and `half` frames on each side.
 

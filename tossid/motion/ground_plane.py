@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from tossid.errors import InputError
 from tossid.motion.contact import runs
-from tossid.motion.flight import local_parabolas
+from tossid.motion.flight import acceleration_deviation, half_width, local_parabolas
 from tossid.motion.kinematics import center_of_mass
-from tossid.motion.noise import scatter
-from tossid.motion.resting import mean_pose, stands, still_for, touching
+from tossid.motion.noise import frame_noise, scatter
+from tossid.motion.resting import mean_pose, near, stands, still_for, touching
 from tossid.motion.sessions.levelling import turned_track, upright
 from tossid.objects import GRAVITY, ObjectModel
 from tossid.robust import NORMAL_MAD
@@ -29,10 +29,10 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Track = PoseTrack | LongTrack
 
-HALF_WINDOW = 5
-"""Frames on each side of the fit that gives an acceleration."""
+HALF_WINDOW, LONGEST = 5, 0.16
+"""Fewest frames on each side of the fit that gives an acceleration, and the longest time that it spans [s]."""
 FALLING = 1.0
-"""An object may fall where its acceleration's size is within this of gravity's [m/s²]."""
+"""An object may fall where its acceleration's size is within this, or twice its error, of gravity's [m/s²]."""
 SAME_DIRECTION = np.deg2rad(5.0)
 """Accelerations whose directions are this near are one gravity [rad]."""
 SHORTEST_FALL = 8
@@ -40,7 +40,7 @@ SHORTEST_FALL = 8
 FEWEST_FALLING = 30
 """Frames of falls from which gravity's direction is estimated."""
 STILL_DISTANCE, STILL_ANGLE, STILL_TIME = 5e-4, 8e-3, 0.15
-"""An object lies still within this [m] and this [rad] for this long [s]."""
+"""An object lies still within this [m] and this [rad], or four times a track's noise, for this long [s]."""
 FEWEST_RESTS = 3
 """Places of rest that a plane is laid through at least."""
 LEVEL_SIGMAS = 4.0
@@ -103,9 +103,11 @@ def find_ground(track: Track, model: ObjectModel, *, gravity: float = GRAVITY) -
     Raises:
         InputError: The object rests in too few places.
     """
-    up, sigma, n_falling = _up(track, model, gravity)
+    part = track.frames(slice(0, BLOCK_FRAMES))
+    distance, angle = (float(np.median(noise)) for noise in frame_noise(part, center_of_mass(model, part.q)))
+    up, sigma, n_falling = _up(track, model, gravity, distance)
     ground = Ground(up, sigma, 0.0, np.zeros(2), np.zeros((3, 3)), 0.0, 0, 0, n_falling)
-    rests = [touching(model, q) for q in _rests(track, ground) if stands(model, q)]
+    rests = [touching(model, q) for q in _rests(track, ground, distance, angle) if stands(model, q)]
     if len(rests) < FEWEST_RESTS:
         raise InputError(f"the object rests in {len(rests)} places; the ground is found from {FEWEST_RESTS} or more")
     ground = _with_plane(ground, rests)
@@ -138,9 +140,11 @@ def _blocks(n: int, margin: int) -> Iterator[tuple[slice, slice]]:
         yield slice(start, min(last + margin, n)), slice(first - start, last - start)
 
 
-def _up(track: Track, model: ObjectModel, gravity: float) -> tuple[Array, float, int]:
+def _up(track: Track, model: ObjectModel, gravity: float, noise: float) -> tuple[Array, float, int]:
     """The direction against gravity, its standard deviation [rad], and the number of frames; else the world's z."""
-    falling, against = _falling(track, model, gravity)
+    dt = float(np.median(np.diff(track.t)))
+    half = half_width(noise, dt, least=HALF_WINDOW, certain=0.5 * FALLING, longest=LONGEST)
+    falling, against = _falling(track, model, gravity, half, max(FALLING, 2 * acceleration_deviation(noise, half, dt)))
     falling = _in_runs(falling)
     if falling.any():
         # the direction that most frames share, then the median of those near it
@@ -157,22 +161,22 @@ def _up(track: Track, model: ObjectModel, gravity: float) -> tuple[Array, float,
     across = against[falling] - (against[falling] @ up)[:, None] * up
     sigma = float(np.median(np.linalg.norm(across, axis=1))) / 1.1774  # median of a Rayleigh distribution
     # neighbouring frames share windows; the error of a median is 1.25 times that of a mean
-    return up, 1.2533 * sigma / float(np.sqrt(n / (2 * HALF_WINDOW + 1))), n
+    return up, 1.2533 * sigma / float(np.sqrt(n / (2 * half + 1))), n
 
 
-def _falling(track: Track, model: ObjectModel, gravity: float) -> tuple[Bools, Array]:
-    """Which frames (n,) accelerate with gravity's size, and the direction against it (n, 3)."""
-    n, longest = len(track.t), 1.5 * 2 * HALF_WINDOW * float(np.median(np.diff(track.t)))
+def _falling(track: Track, model: ObjectModel, gravity: float, half: int, within: float) -> tuple[Bools, Array]:
+    """Which frames (n,) accelerate with gravity's size, within some [m/s²], and the direction against it (n, 3)."""
+    n, longest = len(track.t), 1.5 * 2 * half * float(np.median(np.diff(track.t)))
     falling, against = np.zeros(n, dtype=bool), np.zeros((n, 3))
-    for around, own in _blocks(n, HALF_WINDOW):
+    for around, own in _blocks(n, half):
         part = track.frames(around)
         com = center_of_mass(model, part.q)
         noise = np.full(len(com), scatter(np.diff(com, n=3, axis=0)) + 1e-6)
-        acceleration = local_parabolas(part.t, com, HALF_WINDOW, noise)[1][own]
+        acceleration = local_parabolas(part.t, com, half, noise)[1][own]
         index = np.arange(around.start, around.stop)[own]
-        span = track.t[np.minimum(index + HALF_WINDOW, n - 1)] - track.t[np.maximum(index - HALF_WINDOW, 0)]
+        span = track.t[np.minimum(index + half, n - 1)] - track.t[np.maximum(index - half, 0)]
         size = np.linalg.norm(acceleration, axis=1)
-        falling[index] = (np.abs(size - gravity) < FALLING) & (span < longest)
+        falling[index] = (np.abs(size - gravity) < within) & (span < longest)
         against[index] = -acceleration / np.maximum(size, 1e-12)[:, None]
     return falling, against
 
@@ -185,18 +189,24 @@ def _in_runs(falling: Bools) -> Bools:
     return out
 
 
-def _rests(track: Track, ground: Ground) -> list[Array]:
+def _rests(track: Track, ground: Ground, noise: float, turn_noise: float) -> list[Array]:
     """The pose (nq,) of each rest, in the ground's frame."""
+    distance, angle = max(STILL_DISTANCE, 4 * noise), max(STILL_ANGLE, 4 * turn_noise)
     n, dt = len(track.t), float(np.median(np.diff(track.t)))
     span = max(round(STILL_TIME / dt), 4)
     still = np.zeros(max(n - span, 0), dtype=bool)
     for around, _ in _blocks(len(still), 0):
         part = ground.levelled(track.frames(slice(around.start, around.stop + span)))
-        quiet = still_for(part.q, span, STILL_DISTANCE, STILL_ANGLE)
+        quiet = still_for(part.q, span, distance, angle)
         still[around] = quiet & (part.t[span:] - part.t[:-span] < 1.5 * span * dt)
     # of a rest longer than a block, the end
     ends = [slice(max(first, last + 1 - BLOCK_FRAMES), last + 1 + span) for first, last in runs(still)]
-    return [mean_pose(ground.levelled(track.frames(end)).q) for end in ends]
+    poses = list[Array]()
+    for end in ends:
+        pose = mean_pose(ground.levelled(track.frames(end)).q)
+        if not (poses and near(pose[None], poses[-1], distance, angle)[0]):  # (one rest, which noise divides)
+            poses.append(pose)
+    return poses
 
 
 def _design(rests: list[Array]) -> tuple[Array, Array, NDArray[np.int64]]:

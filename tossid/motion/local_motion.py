@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tossid.motion.contact import lowest_corner, runs
-from tossid.motion.flight import local_parabolas
+from tossid.motion.flight import acceleration_deviation, half_width, local_parabolas
 from tossid.motion.kinematics import center_of_mass
-from tossid.motion.noise import scatter
+from tossid.motion.noise import frame_noise
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_boxminus
 from tossid.types import PoseTrack
@@ -17,11 +17,13 @@ Array = NDArray[np.float64]
 
 MIN_FLIGHT = 0.04
 """Shortest free flight [s]."""
+CERTAIN, LONGEST = 0.8, 0.12
+"""Local fits are so long that accelerations have this standard deviation [m/s²], and no longer than this [s]."""
 FLIGHT_ACCELERATION = 3.5
 """Deviation from gravity that is still free flight [m/s²]."""
 NOISY_ACCELERATION = 5.0
-"""Where the local accelerations are less certain than this [m/s²], they show neither flight nor a hand."""
-ON_PARABOLA = (2.5e-4, 2e-3)
+"""Where three standard deviations of an acceleration are more than this [m/s²], it shows neither flight nor a hand."""
+ON_PARABOLA = (2.5e-4, 1e-2)
 """Distance within which a frame is on a flight's parabola: five times the noise, within these limits [m]."""
 
 
@@ -55,20 +57,14 @@ class LocalMotion:
         self.model, self.track, self.t, self.q = model, track, t, q
         self.dt, self.gravity = dt, gravity
         self.com, self.low = center_of_mass(model, q), lowest_corner(model, q)
-        turn = quat_boxminus(q[1:, 3:7], q[:-1, 3:7])
-        # the noise of third differences, and at least the track's own
-        self.noise = np.full(len(t), scatter(np.diff(self.com, n=3, axis=0)))
-        self.turn_noise = np.full(len(t), scatter(np.diff(turn, n=2, axis=0)))
-        if track.q_cov is not None:
-            self.noise = np.maximum(self.noise, np.sqrt(np.linalg.eigvalsh(track.q_cov[:, :3, :3])[:, -1]))
-            self.turn_noise = np.maximum(self.turn_noise, np.sqrt(np.linalg.eigvalsh(track.q_cov[:, 3:6, 3:6])[:, -1]))
-        self.window = max(round(0.5 * MIN_FLIGHT / dt), 3)
+        self.noise, self.turn_noise = frame_noise(track, self.com)
+        least, noise = max(round(0.5 * MIN_FLIGHT / dt), 3), float(np.median(self.noise))
+        self.window = half_width(noise, dt, least=least, certain=CERTAIN, longest=LONGEST)
         self.velocity, self.acceleration, self.outlier = local_parabolas(t, self.com, self.window, self.noise)
         k = min(self.window, len(t) // 2)
         rate = np.linalg.norm(quat_boxminus(q[2 * k :, 3:7], q[: -2 * k, 3:7]), axis=1) / (t[2 * k :] - t[: -2 * k])
         self.spin = np.pad(rate, k, mode="edge")
-        # three standard deviations of an acceleration: of a quadratic fit to N frames its variance is 720 / N⁵
-        spread = 3 * np.sqrt(720.0 / (2 * self.window + 1) ** 5) * self.noise / dt**2
+        spread = 3 * acceleration_deviation(self.noise, self.window, dt)
         off = np.linalg.norm(self.acceleration + np.array([0.0, 0.0, gravity]), axis=1)
         certain = spread < NOISY_ACCELERATION
         self.free = certain & (off < FLIGHT_ACCELERATION + spread)

@@ -46,6 +46,26 @@ def scatter(third: Array) -> float:
     return float(NORMAL_MAD * np.median(np.abs(third)) / np.sqrt(20.0))
 
 
+def frame_noise(track: PoseTrack, com: Array) -> tuple[Array, Array]:
+    """Standard deviations of positions [m] and attitudes [rad] of a track's frames, (n,) each.
+
+    From third differences, and at least along the axis that the track's own covariance says is the worst.
+
+    Args:
+        track: The track.
+        com: Its centre of mass [m], (n, 3).
+    """
+    turn = quat_boxminus(track.q[1:, 3:7], track.q[:-1, 3:7])
+    out = []
+    for third, own in ((np.diff(com, n=3, axis=0), slice(0, 3)), (np.diff(turn, n=2, axis=0), slice(3, 6))):
+        # axis by axis: what one camera sees is ten times as noisy along its view as across
+        noise = np.full(len(com), np.sqrt(np.mean([scatter(axis) ** 2 for axis in third.T])))
+        if track.q_cov is not None:
+            noise = np.maximum(noise, np.sqrt(np.linalg.eigvalsh(track.q_cov[:, own, own])[:, -1]))
+        out.append(noise)
+    return out[0], out[1]
+
+
 def pose_noise(tracks: Sequence[PoseTrack], model: ObjectModel, *, touch: Touch | None = None) -> Array:
     """Covariance of the poses' noise in the tangent space (nv, nv), diagonal and the same for all frames.
 
