@@ -81,11 +81,6 @@ def main() -> None:
             rows.append([name, what, f"{steps / each:,.0f}", f"{ratio:.2f}", *left, f"{steps:,}", start.origin])
     heads = ["object", "simulator", "steps/s", "to MuJoCo", "unsolved", "worst m/s", "steps", "from"]
     console.table(heads, rows, title="Simulation")
-    console.table(
-        ["object", "model", "µs a transition", "transitions", "data"],
-        [row for name in DATASETS for row in training(name, tosses[name])],
-        title="A training epoch, one thread as in training",
-    )
     trainings(console)
     whole_commands(console)
     vision(console)
@@ -150,35 +145,6 @@ def mujoco_rollout(model: ObjectModel, start: Start) -> Callable[[], object]:
             rollout.rollout(scene, data, states, nstep=length)
 
     return call
-
-
-def training(name: str, tosses: list[Any]) -> list[list[str]]:
-    """Rows: a pass (loss and gradient) over the training tosses, for each model that the implicit loss trains."""
-    import torch
-
-    from pipelines.config.compose import load
-    from pipelines.config.schemas import TrainConfig
-    from tossid.models import build_model
-    from tossid.models.transitions import make_transitions
-
-    torch.set_num_threads(1)
-    chosen = [toss for toss in tosses if toss.split == "train"]
-    if not chosen:
-        return [[name, "-", "-", "-", f"no recordings in {DATA}"]]
-    model = load_object(name)
-    transitions = make_transitions(model, chosen)
-    rows = []
-    for kind in ("cn", "cnrpi"):
-        learner = build_model(load("train", TrainConfig, [f"model={kind}"]).model, model, seed=0)
-        parameters = next(plan.parameters for plan in learner.stages() if plan.name == "contact")
-
-        def epoch(learner: Any = learner, parameters: Any = parameters) -> None:
-            torch.autograd.grad(learner.loss(transitions)[0], parameters)
-
-        seconds = in_turns({kind: epoch})[kind]
-        each = f"{1e6 * seconds / len(transitions):.1f}"
-        rows.append([name, kind, each, f"{len(transitions):,}", f"{len(chosen)} real tosses"])
-    return rows
 
 
 def in_turns(work: dict[str, Callable[[], object]]) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""`make bench-against COMMIT=…`: the simulator's speed and compile time, now and at an earlier commit, in turns.
+"""`make bench-against COMMIT=…`: the simulator's speed, now and at an earlier commit, in turns.
 
 Each measurement is a process of its own on one thread: the two trees take turns, so that a machine whose speed drifts
 treats them alike. Both simulate the same objects (as MJCF) from the same first states.
@@ -12,7 +12,6 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -41,14 +40,14 @@ for name in sys.argv[2:]:
         started = time.process_time()
         simulate(system, states["q"], states["v"], n_steps=states["n_steps"], dt=float(states["dt"]))
         seconds.append(time.process_time() - started)
-    found[name] = {"first": seconds[0], "fastest": min(seconds[1:]), "steps": int(states["n_steps"].sum())}
+    found[name] = int(states["n_steps"].sum()) / min(seconds[1:])
 print(json.dumps(found))
 """
 """What each process runs: the names and functions that both trees have."""
 
 
 def main(commit: str) -> None:
-    """Print a table of steps a second and of the first call's CPU time, of both trees and their ratio.
+    """Print a table of steps a second, of both trees and their ratio.
 
     Args:
         commit: What the working tree is compared with, as git names it.
@@ -87,48 +86,29 @@ def compare(trees: dict[str, Path], folder: Path) -> list[list[str]]:
         folder: Where the objects and their states are.
 
     Returns:
-        Rows of what was measured, its two medians, the median ratio of the pairs, and the ratios' range.
+        A row for each object: its two medians, the median ratio of the pairs, and the ratios' range.
     """
-    first, second = trees
-    compiled: dict[str, list[dict[str, Any]]] = {name: [] for name in trees}
-    repeated: dict[str, list[dict[str, Any]]] = {name: [] for name in trees}
-    for turn in range(TURNS):
-        for name, tree in trees.items():
-            if turn < 3:
-                with tempfile.TemporaryDirectory() as cache:
-                    one_by_one = [measured(tree, folder, Path(cache), [each]) for each in DATASETS]
-                compiled[name].append({k: v for found in one_by_one for k, v in found.items()})
-            warm = folder / f"cache of {name}"
-            if turn == 0:
-                measured(tree, folder, warm, list(DATASETS))
-            repeated[name].append(measured(tree, folder, warm, list(DATASETS)))
+    for name, tree in trees.items():
+        measured(tree, folder, name)  # compiles
+    turns = [{name: measured(tree, folder, name) for name, tree in trees.items()} for _ in range(TURNS)]
     rows = []
     for each in DATASETS:
-        speeds = {
-            name: np.array([run[each]["steps"] / run[each]["fastest"] for run in repeated[name]]) for name in trees
-        }
-        rows.append(row(f"{each}, steps/s", speeds[first], speeds[second], "{:,.0f}"))
-    for each in DATASETS:
-        times = {name: np.array([run[each]["first"] for run in compiled[name]]) for name in trees}
-        rows.append(row(f"{each}, first call [s]", times[first], times[second], "{:.1f}"))
+        before, now = (np.array([turn[name][each] for turn in turns]) for name in trees)
+        ratio = now / before
+        medians = (f"{np.median(speed):,.0f}" for speed in (before, now))
+        spread = f"{ratio.min():.2f} to {ratio.max():.2f}"
+        rows.append([f"{each}, steps/s", *medians, f"{np.median(ratio):.2f}", spread])
     return rows
 
 
-def row(what: str, before: np.ndarray, now: np.ndarray, form: str) -> list[str]:
-    """One row of the table: medians and the pairs' ratios."""
-    ratio = now / before
-    spread = f"{ratio.min():.2f} to {ratio.max():.2f}"
-    return [what, form.format(np.median(before)), form.format(np.median(now)), f"{np.median(ratio):.2f}", spread]
-
-
-def measured(tree: Path, folder: Path, cache: Path, names: list[str]) -> dict[str, Any]:
-    """What one process of a tree measures, with Numba's cache in a folder of its own."""
+def measured(tree: Path, folder: Path, name: str) -> dict[str, float]:
+    """Steps a second by object, in a process of a tree that has Numba's cache in a folder of its own."""
     threads = dict.fromkeys(["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"], "1")
-    environment = {**os.environ, **threads, "PYTHONPATH": str(tree), "NUMBA_CACHE_DIR": str(cache)}
-    cache.mkdir(exist_ok=True)
-    command = [sys.executable, "-c", MEASURE, str(folder), *names]
+    cache = str(folder / f"cache of {name}")
+    environment = {**os.environ, **threads, "PYTHONPATH": str(tree), "NUMBA_CACHE_DIR": cache}
+    command = [sys.executable, "-c", MEASURE, str(folder), *DATASETS]
     done = subprocess.run(command, check=True, capture_output=True, text=True, env=environment, cwd=folder)
-    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
     return found
 
 

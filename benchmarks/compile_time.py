@@ -1,13 +1,12 @@
-"""`python -m benchmarks.compile_time`: processor time that compiling the kernels takes, and what of them takes it.
+"""`python -m benchmarks.compile_time`: processor time that compiling the kernels takes.
 
 It measures a copy of the sources with a cache of its own: the simulation of a cube for the first time, and again after
 an edit of the contact law; with `--all`, each task of `make setup` too. Times are of processes as a whole, imports
-included. Then the functions that took longest, without those that they call: Numba compiles these on the way.
+included.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import resource
 import shutil
@@ -19,36 +18,13 @@ from pathlib import Path
 from pipelines.cli.console import Console
 
 SIMULATE = """
-import collections, json, sys, time
 import numpy as np
-from numba.core import event
 from tossid.objects import load_object
 from tossid.physics import make_system, simulate
 
-found, open_ = collections.defaultdict(lambda: [0, 0.0]), []
-
-class Listener(event.Listener):
-    def on_start(self, event):
-        open_.append([time.process_time(), 0.0])
-
-    def on_end(self, event):
-        started, inside = open_.pop()
-        took = time.process_time() - started
-        if open_:
-            open_[-1][1] += took
-        function = event.data["dispatcher"].py_func
-        entry = found[f"{function.__module__}.{function.__name__}"]
-        entry[0] += 1
-        entry[1] += took - inside
-
-event.register("numba:compile", Listener())
-model = load_object("cube")
 start = np.array([[0, 0, 0.1, 1, 0, 0, 0.0]])
-simulate(make_system(model), start, np.zeros((1, 6)), n_steps=1, dt=1 / 148)
-print(json.dumps(sorted(([name, *entry] for name, entry in found.items()), key=lambda row: -row[2])))
+simulate(make_system(load_object("cube")), start, np.zeros((1, 6)), n_steps=1, dt=1 / 148)
 """
-LONGEST = 15
-"""Functions that are listed."""
 EDIT = ("target = phi / h + free", "target = free + phi / h")
 """A line of the contact law, and another: kernels are kept under what they do, so that it takes a line that does."""
 
@@ -61,7 +37,7 @@ def main() -> None:
         for package in ("tossid", "pipelines"):
             shutil.copytree(root / package, tree / package, ignore=shutil.ignore_patterns("*.nb[ic]", "__pycache__"))
         imports, _ = seconds(tree, "import numpy, tossid.physics")
-        first, functions = seconds(tree, SIMULATE)
+        first, _ = seconds(tree, SIMULATE)
         law = tree / "tossid" / "physics" / "contact" / "law.py"
         line, other = EDIT
         if line not in law.read_text():
@@ -77,9 +53,6 @@ def main() -> None:
                 rows.append((f"make setup: {name}", seconds(tree, task)[0]))
             rows.append(("make setup, in all", sum(took for _, took in rows[3:])))
     console.table(["processor time", "s"], [[name, f"{value:.1f}"] for name, value in rows])
-    listed = json.loads(functions)
-    console.say(f"{sum(count for _, count, _ in listed)} functions compiled; the longest:")
-    console.table(["function", "versions", "s"], [[name, str(n), f"{t:.2f}"] for name, n, t in listed[:LONGEST]])
 
 
 def seconds(tree: Path, code: str) -> tuple[float, str]:

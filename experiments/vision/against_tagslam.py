@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from experiments.harness import markdown
 from pipelines.cli.console import Console
 from pipelines.cli.failures import guarded
 from pipelines.files.open_source import open_stage
@@ -50,12 +51,6 @@ def main(folder: Path) -> None:
     if path.is_dir():
         console.say(f"\nCameras of {path.name} from scratch, {camera}'s pose given, aligned to TagSLAM's\n")
         console.say(markdown(("camera", "off [mm]", "off [°]"), from_scratch(path, camera, body)))
-
-
-def markdown(columns: tuple[str, ...], rows: list[list[str]]) -> str:
-    """A table."""
-    lines = [columns, ["---"] * len(columns), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def against_reference(path: Path) -> list[list[str]]:

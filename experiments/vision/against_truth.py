@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.vision.against_tagslam import markdown
+from experiments.harness import markdown
 from pipelines.cli.call import call_with_keys
 from pipelines.cli.console import Console
 from pipelines.cli.failures import guarded
@@ -30,11 +30,12 @@ from tossid.ingestion.progress import Reporter
 from tossid.motion import tosses_from_tracks
 from tossid.motion.ground_plane import find_ground
 from tossid.motion.kinematics import center_of_mass, com_velocities, jump_speed
-from tossid.objects import GRAVITY, ObjectModel, body_poses
+from tossid.objects import GRAVITY, ObjectModel, Tag, body_poses
 from tossid.rotations import quat_boxminus, transform, transform_points
 from tossid.store import read_dataset
 from tossid.synthesis.synthesize import TRUTH
 from tossid.types import Phase, PoseTrack, Toss
+from tossid.vision.cameras.camera import Camera
 from tossid.vision.recordings.npz import read_tracks
 from tossid.vision.recordings.registry import Opened
 from tossid.vision.setup.layout import SQUARE
@@ -291,16 +292,19 @@ def nees(error: Array, cov: Array) -> Array:
 
 def visible(opened: Opened, model: ObjectModel, truth: PoseTrack) -> Bools:
     """In which true frames a tag faces a camera and is whole in its image. (n,)."""
-    position, quat = body_poses(model, truth.q)
-    seen = np.zeros(len(truth.t), dtype=bool)
+    seen = [whole for camera in opened.cameras for _, _, whole in tags_in_view(model, camera, truth.q)]
+    return np.asarray(np.any(seen, axis=0))
+
+
+def tags_in_view(model: ObjectModel, camera: Camera, q: Array) -> Iterator[tuple[Tag, Array, Bools]]:
+    """Each tag with its corners (n, 4, 2) [px], and whether it faces the camera and is whole, in poses (n, nq)."""
+    position, quat = body_poses(model, q)
     for tag in model.tags:
         T = transform(position[:, tag.body], quat[:, tag.body]) @ tag.T_body_tag
-        corners = transform_points(T, 0.5 * tag.size * SQUARE)
-        for camera in opened.cameras:
-            way = camera.T_world_cam[:3, 3] - T[:, :3, 3]
-            faces = np.einsum("ni,ni->n", T[:, :3, 2], way) > FACING * np.linalg.norm(way, axis=1)
-            seen |= faces & camera.contains(camera.project(corners), margin=5).all(axis=1)
-    return seen
+        pixels = camera.project(transform_points(T, 0.5 * tag.size * SQUARE))
+        way = camera.T_world_cam[:3, 3] - T[:, :3, 3]
+        faces = np.einsum("ni,ni->n", T[:, :3, 2], way) > FACING * np.linalg.norm(way, axis=1)
+        yield tag, pixels, faces & camera.contains(pixels, margin=5).all(axis=1)
 
 
 if __name__ == "__main__":
