@@ -7,7 +7,7 @@
 # make LOCK=none setup      newest packages within the ranges of pyproject.toml, not those of requirements/*.txt
 # make TEST_JOBS=8 test               so many tests at once
 # make SECONDS=600 fuzz              so long for each reader of files
-# make DATA=FOLDER experiments        FOLDER holds contactnets_cube (README.md, "Studies")
+# make DATA=FOLDER experiments        FOLDER holds contactnets_cube and pll_elbow (docs/results/index.md)
 # make DATA=FOLDER tagslam            FOLDER holds tagslam_test (docs/results/vision.md)
 
 PYTHON   ?= python3
@@ -26,7 +26,7 @@ DATA     ?= $(or $(TOSSID_SHARED_DATA),../shared/data)
 RUN_ONE  := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup lock demo experiments coverage calibration unknown shapes links starts fields paper tagslam truth test coverage-report test-slow fuzz check format dependencies bench bench-against profile mutants docs figures clean distclean
+.PHONY: help setup lock demo experiments coverage calibration unknown shapes links starts fields tagslam truth test coverage-report test-slow fuzz check format dependencies bench bench-against mutants docs figures clean distclean
 
 help:  ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-15s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -76,32 +76,52 @@ lock: $(STAMP)  ## resolve requirements/*.txt anew: make UV_ARGS="--index URL" l
 demo: $(STAMP)  ## a simulator that is wrong in a sealed way, and what is found of it: make SEED=5 demo
 	$(BIN)/python -m pipelines.demo $(if $(SEED),--seed $(SEED))
 
-experiments: $(STAMP)  ## the studies on published recordings, hours: make DATA=FOLDER experiments
-	$(BIN)/python -m experiments.cube $(DATA)
+# what the studies read: made where it is missing
+DATASETS := data/datasets
+NOISE    := noise.position=0.00005 noise.rotation=0.0005 noise.velocity=0.005 noise.spin=0.05
+$(DATASETS)/contactnets_cube.h5: | $(STAMP)
+	$(BIN)/tossid ingest source=contactnets source.path=$(DATA)/contactnets_cube object=cube out=$@
+$(DATASETS)/pll_elbow.h5: | $(STAMP)
+	$(BIN)/tossid ingest source=pll source.path=$(DATA)/pll_elbow object=elbow defects=set_aside out=$@
+$(DATASETS)/simulated_cube/tosses.h5: | $(STAMP)
+	$(BIN)/tossid synthesize engine=lcp frames=false tosses=200 seed=1 $(NOISE) out=$(@D)
+$(DATASETS)/mujoco_elbow/tosses.h5: | $(STAMP)
+	$(BIN)/tossid synthesize object=elbow engine=mujoco frames=false tosses=256 seed=5 out=$(@D)
+$(DATASETS)/simulated_elbow/tosses.h5: | $(STAMP)
+	$(BIN)/tossid synthesize object=elbow engine=lcp frames=false tosses=80 seed=1 'splits=[0.6,0.2,0.2]' $(NOISE) \
+	  noise.joint=0.0005 noise.joint_rate=0.05 out=$(@D)
+
+# a study (conf/sweep) and what it reads, in order; each goes on where it was
+STUDIES := gravity_full:contactnets_cube.h5 e2e:contactnets_cube.h5 baselines:contactnets_cube.h5 \
+  data_efficiency:contactnets_cube.h5 inertia:simulated_cube/tosses.h5 gravity:simulated_cube/tosses.h5 \
+  elbow:mujoco_elbow/tosses.h5 inertia:simulated_elbow/tosses.h5 elbow_real:pll_elbow.h5
+
+experiments: $(addprefix $(DATASETS)/,$(sort $(foreach study,$(STUDIES),$(lastword $(subst :, ,$(study))))))  ## the studies on published recordings, hours: make DATA=FOLDER experiments
+	@set -e; for study in $(STUDIES); do \
+	  echo "tossid evaluate --sweep $${study%%:*} data=$(DATASETS)/$${study#*:}"; \
+	  $(BIN)/tossid evaluate --sweep $${study%%:*} data=$(DATASETS)/$${study#*:}; \
+	done
 
 coverage: $(STAMP)  ## do intervals of learned parameters hold the truth? 100 sets of made tosses, a quarter of an hour
-	$(RUN_ONE) $(BIN)/python -m experiments.coverage $(OPTIONS)
+	$(RUN_ONE) $(BIN)/python -m experiments.coverage outputs/coverage.jsonl $(OPTIONS)
 
 calibration: $(STAMP)  ## are intervals right? diagnoses of effects drawn at random, hours; goes on where it was
 	$(BIN)/tossid audit cases=200 seed=1 'kinds=[effect]' 'engines=[lcp]' tosses=16 repeats=0 $(OPTIONS)
 
 unknown: $(STAMP)  ## the published cube learned from nothing, beside its stated object: make DATA=FOLDER unknown
-	$(RUN_ONE) $(BIN)/python -m experiments.unknown $(DATA)
+	$(RUN_ONE) $(BIN)/python -m experiments.starts outputs/starts.jsonl $(DATA) --nothing --tosses 64 16 8 $(OPTIONS)
 
-shapes: $(STAMP)  ## shapes tossed in MuJoCo, learned from nothing: make OPTIONS="ellipsoid --model cnrpi" shapes
-	$(RUN_ONE) $(BIN)/python -m experiments.shapes $(OPTIONS)
+starts: $(STAMP)  ## the published cube from 20 random starts: make DATA=FOLDER OPTIONS="--models cn --tosses 32" starts
+	$(RUN_ONE) $(BIN)/python -m experiments.starts outputs/starts.jsonl $(DATA) --random 20 $(OPTIONS)
 
-links: $(STAMP)  ## an elbow in MuJoCo, both links learned from nothing: make OPTIONS="cn --recorded elbow.h5" links
-	$(RUN_ONE) $(BIN)/python -m experiments.links $(OPTIONS)
+shapes: $(STAMP)  ## shapes tossed in MuJoCo, learned from nothing: make OPTIONS="--shapes ellipsoid --seeds 1" shapes
+	$(RUN_ONE) $(BIN)/python -m experiments.shapes outputs/shapes.jsonl $(OPTIONS)
 
-starts: $(STAMP)  ## the published cube from 20 random starts: make DATA=FOLDER OPTIONS="--model cn --tosses 64" starts
-	$(RUN_ONE) $(BIN)/python -m experiments.starts $(DATA) $(OPTIONS)
+links: $(STAMP)  ## an elbow in MuJoCo, both links learned from nothing: make OPTIONS="--recorded elbow.h5" links
+	$(RUN_ONE) $(BIN)/python -m experiments.links outputs/links.jsonl $(OPTIONS)
 
-fields: $(STAMP)  ## fields of force in a learned acceleration; half an hour: make DATA=FOLDER OPTIONS="--seeds 1" fields
-	$(RUN_ONE) $(BIN)/python -m experiments.fields $(DATA) $(OPTIONS)
-
-paper: $(STAMP)  ## claims of the paper beside its presets and the default models, an hour: make DATA=FOLDER paper
-	$(RUN_ONE) $(BIN)/python -m experiments.paper $(DATA) $(OPTIONS)
+fields: $(STAMP)  ## fields of force in a learned acceleration, a quarter of an hour: make OPTIONS="--fields vortex" fields
+	$(RUN_ONE) $(BIN)/python -m experiments.fields outputs/fields.jsonl $(OPTIONS)
 
 tagslam: $(STAMP)  ## TagSLAM's published recordings against its own poses: make DATA=FOLDER tagslam
 	$(RUN_ONE) $(BIN)/python -m experiments.vision.against_tagslam $(DATA)
@@ -146,9 +166,6 @@ dependencies: $(DEV)  ## what is installed fits together, and has no known vulne
 
 bench: $(STAMP)  ## speed of the simulators, the training and the command line
 	$(BIN)/python -m benchmarks.bench
-
-profile: $(STAMP)  ## where a diagnosis's time goes, by stage: make DATASET=FILE.h5 OPTIONS="tosses=40" profile
-	$(RUN_ONE) $(BIN)/python -m benchmarks.profile $(DATASET) $(OPTIONS)
 
 bench-against: $(STAMP)  ## the simulator's speed beside an earlier commit's, in turns: make COMMIT=NAME bench-against
 	$(BIN)/python -m benchmarks.bench_against $(COMMIT)

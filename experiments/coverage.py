@@ -1,6 +1,6 @@
 """How many 95 % intervals of learned parameters hold the truth?
 
-    python -m experiments.coverage [sets=100] [seed=0]
+    python -m experiments.coverage OUT.jsonl --sets 100 --seed 5000
 
 Each set has another cube: its friction, centre of mass and moments of inertia are drawn. It is tossed by tossid's
 engine or by MuJoCo in turn, 8, 12 or 20 times in turn, of which half train. Poses and velocities have a tracker's
@@ -12,12 +12,14 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 import tossid
-from pipelines.cli.console import Console
+from experiments.harness import Case, Line, markdown, measured, options, succeeded
+from pipelines.cli.failures import guarded
 from tossid.objects import ObjectModel, load_object
 from tossid.settings.synthesis import NoiseSettings
 
@@ -27,44 +29,15 @@ KINDS = ("friction", "com", "inertia", "contact law")
 HEADS = ("model", "engine", *KINDS, "all", "share", "not determined")
 
 
-@dataclass(frozen=True)
-class Found:
-    """A parameter of a training.
+def one_set(case: Case) -> Line:
+    """All parameters that the models learn from a set of tosses, and whether an interval holds the truth.
 
-    Attributes:
-        model: That was trained.
-        engine: That made the tosses.
-        kind: Of `KINDS`.
-        holds: Whether its interval holds the truth; None where the tosses do not determine it.
-    """
-
-    model: str
-    engine: str
-    kind: str
-    holds: bool | None
-
-
-def main() -> None:
-    """Train on all sets and print the table."""
-    keys = {"sets": 100, "seed": 0} | {k: int(v) for k, v in (word.split("=", 1) for word in sys.argv[1:])}
-    console, found = Console(), list[Found]()
-    with console.progress("training", keys["sets"], unit="sets") as bar:
-        for i in range(keys["sets"]):
-            found += one_set(i, seed=keys["seed"])
-            bar.advance(1)
-    rows = [row(found, model, engine) for model in MODELS for engine in ENGINES]
-    rows += [row(found, "all", engine) for engine in ENGINES] + [row(found, "all", "all")]
-    console.table(HEADS, rows, title=f"95 % intervals that hold the truth, {keys['sets']} sets, seed {keys['seed']}")
-
-
-def one_set(index: int, *, seed: int) -> list[Found]:
-    """All parameters that the models learn from a set of tosses.
+    None stands for a parameter that the tosses do not determine.
 
     Args:
-        index: Of the set.
-        seed: Of all sets.
+        case: The number of the `set`, and the `seed` of all sets.
     """
-    stated, rng = load_object("cube"), np.random.default_rng([seed, index])
+    index, stated, rng = case["set"], load_object("cube"), np.random.default_rng([case["seed"], case["set"]])
     true = drawn(stated, rng)
     engine, tosses = ENGINES[index % len(ENGINES)], TOSSES[index // len(ENGINES) % len(TOSSES)]
     made = tossid.synthesize(true, engine=engine, tosses=tosses, seed=int(rng.integers(2**31)), noise=NOISE)
@@ -75,9 +48,9 @@ def one_set(index: int, *, seed: int) -> list[Found]:
         for name, each in trained.intervals.items():
             kind = next((kind for kind in KINDS if name.startswith(kind)), KINDS[-1])
             ends = each["ci95"]
-            holds = None if ends is None else ends[0] <= truth_of(name, true) <= ends[1]
-            found.append(Found(model, engine, kind, holds))
-    return found
+            holds = None if ends is None else bool(ends[0] <= truth_of(name, true) <= ends[1])
+            found.append({"model": model, "engine": engine, "kind": kind, "holds": holds})
+    return {"found": found}
 
 
 def drawn(stated: ObjectModel, rng: np.random.Generator) -> ObjectModel:
@@ -112,7 +85,7 @@ def truth_of(name: str, true: ObjectModel) -> float:
     return np.inf if quantity == "stiffness" else 0.0
 
 
-def row(found: Iterable[Found], model: str, engine: str) -> list[str]:
+def row(found: Iterable[Line], model: str, engine: str) -> list[str]:
     """A row of the table.
 
     Args:
@@ -120,13 +93,23 @@ def row(found: Iterable[Found], model: str, engine: str) -> list[str]:
         model: Whose, or "all".
         engine: Whose, or "all".
     """
-    own = [each for each in found if model in (each.model, "all") and engine in (each.engine, "all")]
-    held = {kind: [e.holds for e in own if e.kind == kind and e.holds is not None] for kind in KINDS}
+    own = [each for each in found if model in (each["model"], "all") and engine in (each["engine"], "all")]
+    held = {kind: [e["holds"] for e in own if e["kind"] == kind and e["holds"] is not None] for kind in KINDS}
     every = [holds for kind in KINDS for holds in held[kind]]
     counts = [f"{sum(each)} of {len(each)}" if each else "-" for each in (*held.values(), every)]
     share = f"{100 * np.mean(every):.0f} %" if every else "-"
     return [model, engine, *counts, share, f"{len(own) - len(every)} of {len(own)}"]
 
 
+def main(arguments: list[str]) -> None:
+    """Train on the sets that OUT lacks, and print how many intervals hold the truth."""
+    given = options(__doc__, arguments, out=Path, sets=100, seed=5000, processes=1)
+    cases = [{"set": number, "seed": given.seed} for number in range(given.sets)]
+    lines = succeeded(measured(given.out, cases, one_set, processes=given.processes))
+    found = [each for line in lines for each in line["found"]]
+    groups = [(model, engine) for model in (*MODELS, "all") for engine in ENGINES]
+    print(markdown(HEADS, (row(found, *group) for group in (*groups, ("all", "all")))))
+
+
 if __name__ == "__main__":
-    main()
+    sys.exit(guarded(lambda: main(sys.argv[1:]), "coverage"))

@@ -1,126 +1,157 @@
-"""`make links`: an elbow, tossed with a tracker's noise or recorded, both links learned from nothing."""
+"""Two links on a hinge, tossed with a tracker's noise or recorded, both learned from nothing.
+
+    python -m experiments.links OUT.jsonl --models cn cnrpi --engines lcp
+    python -m experiments.links OUT.jsonl --recorded pll_elbow.h5
+
+Each link is tracked in a frame of its own. The other start of a recorded elbow (a dataset that `ingest` has levelled)
+is its stated object.
+"""
 
 from __future__ import annotations
 
-import argparse
+import itertools
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import NamedTuple
 
-from experiments.shapes import apart, beside_truth, toss_options
-from pipelines.cli.console import Console
+import numpy as np
+from numpy.typing import NDArray
+
+import tossid
+from experiments.harness import Case, Line, markdown, measured, options, succeeded
+from experiments.shapes import BESIDE_TRUTH, NOISE, apart, beside_truth, tossed
 from pipelines.cli.failures import guarded
+from tossid.evaluation.metrics import score_windows
+from tossid.models import TrainedModel
+from tossid.motion.links import body_tracks, determined, moments_of_com
+from tossid.objects import ObjectModel, object_from_mjcf
+from tossid.physics.identifiable import inertia_error
+from tossid.rotations import quat_conj, quat_exp, quat_mul, quat_rotate, quat_to_matrix
+from tossid.settings.objects import UnknownObjectSettings
+from tossid.store import write_tum
+from tossid.types import PoseTrack, frame_time
 
-if TYPE_CHECKING:
-    from experiments.tossed_links import TossedLinks
-    from experiments.tossed_shapes import ShapeTossSettings
-    from tossid.models import TrainedModel
-    from tossid.objects import ObjectModel
-    from tossid.store import Dataset
+Array = NDArray[np.float64]
 
+MASS, FRICTION = 0.37, 0.25
+"""Of each link [kg], and of both."""
+ELBOW = f"""<mujoco model="elbow">
+  <worldbody>
+    <body name="elbow_1">
+      <freejoint/>
+      <geom name="first" type="box" size="0.05 0.025 0.025" mass="{MASS}"/>
+      <body name="elbow_2" pos="-0.035 0.06 0">
+        <joint name="hinge" type="hinge" axis="0 1 0"/>
+        <geom name="second" type="box" size="0.05 0.025 0.025" pos="0.035 0 0" mass="{MASS}"/>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>"""
+"""As published with dair_pll, of solid boxes."""
+FRAMES = (
+    (np.array([0.012, -0.02, 0.007]), quat_exp(np.array([0.4, -0.7, 0.2]))),
+    (np.array([-0.01, 0.006, 0.02]), quat_exp(np.zeros(3))),
+)
+"""Where a tracker's frame is in each link: origin [m], quaternion."""
 SIMULATED = (
-    "model",
-    "engine, seed",
-    "hinge: axis [deg]",
-    "point [mm]",
-    "corners",
-    "Hausdorff [mm]",
-    "seen [%]",
-    "corners without contacts off by [mm]",
-    "friction",
-    "common centre of mass [mm]",
-    "inertia [%]",
-    "position [%]",
-    "over the true model's",
-    "rotation [deg]",
-    "over the true model's",
-    "seconds",
-)
+    "hinge: axis [deg]", "point [mm]", "corners", "Hausdorff [mm]", "seen [%]", "corners without contacts off by [mm]",
+    "friction", "common centre of mass [mm]", "inertia [%]", *BESIDE_TRUTH, "CPU s",
+)  # fmt: skip
 RECORDED = (
-    "model",
-    "start",
-    "corners",
-    "stated corners missed by at most [mm]",
-    "corners with contacts off before training: median, most [mm]",
-    "corners with contacts off by: median, most [mm]",
-    "corners without contacts off by [mm]",
-    "friction",
-    "16 steps: position [%]",
-    "first link [deg]",
-    "second link [deg]",
-    "joint [deg]",
-    "gravity [m/s²]",
-    "seconds",
-)
+    "corners", "stated corners missed by at most [mm]", "corners with contacts off by: median, most [mm]",
+    "corners without contacts off by [mm]", "friction", "16 steps: position [%]", "first link [deg]",
+    "second link [deg]", "joint [deg]", "gravity [m/s²]", "CPU s",
+)  # fmt: skip
 
 
-def main(models: list[str], recorded: Path | None, settings: ShapeTossSettings) -> None:
-    """Learn both links with each model; print a Markdown row for each.
+class TossedLinks(NamedTuple):
+    """Two links that were tossed, with their truth.
+
+    Attributes:
+        tracks: Tracked poses of each link, with noise.
+        truth: The same without noise.
+        object: The elbow that was tossed.
+    """
+
+    tracks: tuple[tuple[PoseTrack, ...], ...]
+    truth: tuple[tuple[PoseTrack, ...], ...]
+    object: ObjectModel
+
+    def hinge(self) -> tuple[Array, Array]:
+        """The true hinge in link 2's tracked frame: a point of the axis [m], and the axis."""
+        origin, quat = FRAMES[1]
+        back = quat_conj(quat)
+        return quat_rotate(back, -origin), quat_rotate(back, self.object.joint_axis[1])
+
+    def in_tracked_frames(self, hinged: ObjectModel) -> ObjectModel:
+        """The true object in the tracked frames, over the hinge that a dataset has.
+
+        Args:
+            hinged: The dataset's object, for its hinge alone.
+        """
+        turn = np.array([quat_to_matrix(quat_conj(quat)) for _, quat in FRAMES])
+        at, own = np.array([origin for origin, _ in FRAMES]), self.object
+        bodies = own.corner_body
+        return hinged.with_changes(
+            mass=own.mass,
+            com=np.einsum("bij,bj->bi", turn, own.com - at),
+            inertia=turn @ own.inertia @ turn.transpose(0, 2, 1),
+            corner_body=bodies,
+            corner_pos=np.einsum("nij,nj->ni", turn[bodies], own.corner_pos - at[bodies]),
+            friction=own.friction,
+            width=own.width,
+        )
+
+
+def toss_links(engine: str, *, seed: int = 0, tosses: int = 60) -> TossedLinks:
+    """Tosses of an elbow, each link tracked in a frame of its own.
 
     Args:
-        models: Variants that learn.
-        recorded: A dataset of a real elbow (.h5), whose stated object is the other start; None for simulated tosses.
-        settings: How they are tossed.
+        engine: What simulates.
+        seed: Of all that is drawn.
+        tosses: How many.
     """
-    console, head = Console(), SIMULATED if recorded is None else RECORDED
-    console.say("| " + " | ".join(head) + " |")
-    console.say("|" + "---|" * len(head))
-    for cells in simulated(models, settings) if recorded is None else real(models, recorded):
-        console.say("| " + " | ".join(cells) + " |")
+    model, rng = object_from_mjcf(ELBOW, friction=FRICTION, width=0.1), np.random.default_rng([seed, 1])
+    made = tossed(model, engine, tosses=tosses, seed=seed).truth
+    assert made is not None
+    exact = tuple(
+        tuple(_seen_from(track, *frame) for track in tracks)
+        for tracks, frame in zip(body_tracks(model, made.tosses), FRAMES, strict=True)
+    )
+    return TossedLinks(tuple(tuple(_noisy(track, rng) for track in tracks) for tracks in exact), exact, model)
 
 
-def parsed(arguments: list[str]) -> tuple[list[str], Path | None, ShapeTossSettings]:
-    """What the command's arguments ask for, as `main` takes it."""
-    from experiments.tossed_shapes import ShapeTossSettings
-
-    default = ShapeTossSettings(mass=0.37)
-    parser = argparse.ArgumentParser(prog="make links", description=__doc__)
-    parser.add_argument("models", nargs="*", default=["cn", "cnrpi"], metavar="MODEL")
-    parser.add_argument("--recorded", type=Path, help="dataset of a real elbow (.h5), levelled by ingest")
-    toss_options(parser, default)
-    given = vars(parser.parse_args(arguments))
-    models, recorded = given.pop("models"), given.pop("recorded")
-    return models, recorded, replace(default, **given)
+def _seen_from(track: PoseTrack, origin: Array, turn: Array) -> PoseTrack:
+    """The track of a frame that is fixed in a link."""
+    place = track.q[:, :3] + quat_rotate(track.q[:, 3:7], origin)
+    return PoseTrack(track.name, track.t, np.concatenate([place, quat_mul(track.q[:, 3:7], turn)], axis=1))
 
 
-def simulated(models: list[str], settings: ShapeTossSettings) -> Any:
-    """Rows of an elbow in an engine, from the TUM files of both links.
+def _noisy(track: PoseTrack, rng: np.random.Generator) -> PoseTrack:
+    q = track.q.copy()
+    q[:, :3] += NOISE.position * rng.normal(size=(len(q), 3))
+    q[:, 3:7] = quat_mul(q[:, 3:7], quat_exp(NOISE.rotation * rng.normal(size=(len(q), 3))))
+    return PoseTrack(track.name, track.t, q)
+
+
+def simulated(case: Case) -> Line:
+    """What is learned of an elbow in an engine, from the TUM files of both links, against the truth.
 
     Args:
-        models: Variants that learn.
-        settings: How it is tossed.
-
-    Yields:
-        A row a model.
+        case: Its `model`, `engine` and `seed`.
     """
-    import tossid
-    from experiments.tossed_links import toss_links
-    from tossid.settings.objects import UnknownObjectSettings
-    from tossid.store.importers.tum import write_tum
-
-    made, unknown = toss_links(settings), UnknownObjectSettings(links=2, mass=2 * settings.mass)
+    made, unknown = toss_links(case["engine"], seed=case["seed"]), UnknownObjectSettings(links=2, mass=2 * MASS)
     began = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
-        write_tum(Path(folder), made.first, second=made.second)
+        write_tum(Path(folder), made.tracks[0], second=made.tracks[1])
         dataset = tossid.ingest(folder, source="tum", object=unknown)
-    ingested = time.process_time() - began
-    for model in models:
-        began = time.process_time()
-        trained = tossid.train(dataset, model=model, object=unknown)
-        seconds = ingested + time.process_time() - began
-        yield [f"`{model}`", f"{settings.engine}, {settings.seed}", *_against(made, dataset, trained), f"{seconds:.0f}"]
-
-
-def _against(made: TossedLinks, dataset: Dataset, trained: TrainedModel) -> list[str]:
-    """Cells of what was learned against the truth."""
-    import numpy as np
-
-    from tossid.motion.links import determined, moments_of_com
-    from tossid.physics.identifiable import inertia_error
-
+    trained = tossid.train(dataset, model=case["model"], object=unknown)
+    seconds = time.process_time() - began
     learned, (point, axis) = trained.object, made.hinge()
     true = replace(made.in_tracked_frames(dataset.object), width=learned.width)
     tilt = np.degrees(np.arccos(min(1.0, abs(axis @ learned.joint_axis[1]))))
@@ -129,35 +160,73 @@ def _against(made: TossedLinks, dataset: Dataset, trained: TrainedModel) -> list
         apart(learned, true.corner_pos[true.corner_body == body], made.truth[body], body)
         for body in range(learned.n_bodies)
     ]
-    shown = _shown(trained)
-    off = 1e3 * _nearest(learned, true)
+    off = 1e3 * nearest(learned, true)
     parts = [moments_of_com(each, each.com, each.mass) for each in (learned, true)]
     com = 1e3 * np.linalg.norm(determined(true).T @ (parts[0] - parts[1]).ravel())
-    return [
+    cells = [
         f"{tilt:.3f}",
         f"{aside:.2f}",
-        " + ".join(f"{int((learned.corner_body == body).sum())}" for body in range(learned.n_bodies)),
+        _counts(learned),
         ", ".join(f"{1e3 * distance:.2f}" for distance, _ in links),
         ", ".join(f"{100 * share:.0f}" for _, share in links),
-        ", ".join(f"{x:.1f}" for x in off[~shown]) or "none",
-        f"{learned.friction:.3f} for {true.friction:g}",
+        ", ".join(f"{x:.1f}" for x in off[~with_contacts(trained)]) or "none",
+        f"{learned.friction:.3f}",
         f"{com:.2f}",
         f"{100 * inertia_error(learned, true):.1f}",
         *beside_truth(trained, true, dataset.split("test")),
+        f"{seconds:.0f}",
     ]
+    return dict(zip(SIMULATED, cells, strict=True))
 
 
-def _shown(trained: TrainedModel) -> Any:
+def recorded(case: Case, path: Path) -> Line:
+    """What is learned of a recorded elbow, against its stated object.
+
+    Args:
+        case: Its `model` and `start`: the stated object, or nothing.
+        path: The dataset.
+    """
+    dataset = tossid.read_dataset(path)
+    stated, held_out, nothing = dataset.object, dataset.split("test"), case["start"] == "nothing"
+    unknown = UnknownObjectSettings(links=2, mass=float(stated.mass.sum())) if nothing else None
+    began = time.process_time()
+    trained = tossid.train(dataset, model=case["model"], object=unknown)
+    seconds, learned = time.process_time() - began, trained.object
+    shown = with_contacts(trained) if nothing else np.ones(learned.n_corners, dtype=bool)
+    off = 1e3 * nearest(learned, stated)
+    scores = score_windows(
+        trained.model.simulator(),
+        learned.with_changes(width=stated.width) if nothing else stated,
+        held_out.tosses,
+        measurement=trained.model.measurement,
+        dt=frame_time(held_out.tosses),
+    )
+    cells = [
+        _counts(learned),
+        f"{1e3 * nearest(stated, learned).max():.1f}",
+        f"{np.median(off[shown]):.1f}, {off[shown].max():.1f}",
+        ", ".join(f"{x:.1f}" for x in off[~shown]) or "none",
+        f"{learned.friction:.3f}",
+        f"{np.nanmean(scores.position_error_pct):.2f}",
+        *(f"{np.nanmean(scores.link_error_deg[:, body]):.2f}" for body in range(learned.n_bodies)),
+        f"{np.nanmean(scores.joint_error_deg):.2f}",
+        f"{np.nanmean(scores.gravity_ms2):.2f}",
+        f"{seconds:.0f}",
+    ]
+    return dict(zip(RECORDED, cells, strict=True))
+
+
+def _counts(model: ObjectModel) -> str:
+    return " + ".join(str(int((model.corner_body == body).sum())) for body in range(model.n_bodies))
+
+
+def with_contacts(trained: TrainedModel) -> NDArray[np.bool_]:
     """Marks corners (n_c,) that contacts have shown."""
-    import numpy as np
-
     return np.concatenate([link["contacts"] for link in trained.parameters["from_nothing"]["links"]]) > 0
 
 
-def _nearest(learned: ObjectModel, true: ObjectModel) -> Any:
+def nearest(learned: ObjectModel, true: ObjectModel) -> Array:
     """Distance of each learned corner from the nearest true one of its link, (n_c,) [m]."""
-    import numpy as np
-
     return np.array(
         [
             np.linalg.norm(true.corner_pos[true.corner_body == body] - corner, axis=1).min()
@@ -166,57 +235,22 @@ def _nearest(learned: ObjectModel, true: ObjectModel) -> Any:
     )
 
 
-def real(models: list[str], path: Path) -> Any:
-    """Rows of a recorded elbow, from the stated object and from nothing, on the same splits.
-
-    Args:
-        models: Variants that learn.
-        path: The dataset.
-
-    Yields:
-        A row a model and start.
-    """
-    import numpy as np
-
-    import tossid
-    from tossid.evaluation.metrics import score_windows
-    from tossid.settings.objects import UnknownObjectSettings
-    from tossid.types import frame_time
-
-    dataset = tossid.read_dataset(path)
-    stated, held_out = dataset.object, dataset.split("test")
-    unknown = UnknownObjectSettings(links=2, mass=float(stated.mass.sum()))
-    for model in models:
-        for start, object_ in (("stated", None), ("nothing", unknown)):
-            began = time.process_time()
-            trained = tossid.train(dataset, model=model, object=object_)
-            seconds, learned = time.process_time() - began, trained.object
-            shown = np.ones(learned.n_corners, dtype=bool)
-            if object_ is not None:
-                shown = _shown(trained)
-            off, before = (1e3 * _nearest(each, stated) for each in (learned, trained.model.object))
-            scores = score_windows(
-                trained.model.simulator(),
-                stated if object_ is None else learned.with_changes(width=stated.width),
-                held_out.tosses,
-                measurement=trained.model.measurement,
-                dt=frame_time(held_out.tosses),
-            )
-            yield [
-                f"`{model}`",
-                start,
-                " + ".join(f"{int((learned.corner_body == body).sum())}" for body in range(learned.n_bodies)),
-                f"{1e3 * _nearest(stated, learned).max():.1f}",
-                *(f"{np.median(x[shown]):.1f}, {x[shown].max():.1f}" for x in (before, off)),
-                ", ".join(f"{x:.1f}" for x in off[~shown]) or "none",
-                f"{learned.friction:.3f}",
-                f"{np.nanmean(scores.position_error_pct):.2f}",
-                *(f"{np.nanmean(scores.link_error_deg[:, body]):.2f}" for body in range(learned.n_bodies)),
-                f"{np.nanmean(scores.joint_error_deg):.2f}",
-                f"{np.nanmean(scores.gravity_ms2):.2f}",
-                f"{seconds:.0f}",
-            ]
+def main(arguments: list[str]) -> None:
+    """Learn both links as often as OUT lacks it, and print a row for each."""
+    given = options(
+        __doc__, arguments, out=Path, models=("cn", "cnrpi"), engines=("mujoco",), seeds=(0,), recorded="", processes=1
+    )
+    names: tuple[str, ...] = ("model", "engine", "seed")
+    asked: Sequence[tuple[object, ...]] = [*itertools.product(given.models, given.engines, given.seeds)]
+    measure: Callable[[Case], Line] = simulated
+    heads: tuple[str, ...] = SIMULATED
+    if given.recorded:
+        names, asked = ("model", "start"), [*itertools.product(given.models, ("stated", "nothing"))]
+        measure, heads = partial(recorded, path=Path(given.recorded)), RECORDED
+    cases = [dict(zip(names, values, strict=True)) for values in asked]
+    lines = succeeded(measured(given.out, cases, measure, processes=given.processes))
+    print(markdown((*names, *heads), ([line[head] for head in (*names, *heads)] for line in lines)))
 
 
 if __name__ == "__main__":
-    sys.exit(guarded(lambda: main(*parsed(sys.argv[1:])), "links"))
+    sys.exit(guarded(lambda: main(sys.argv[1:]), "links"))

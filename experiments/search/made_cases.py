@@ -1,38 +1,35 @@
 """The diagnosis of tosses that were made with known effects, and on tosses without any.
 
-    python -m experiments.search.made_cases OUT.jsonl                       # the cases below
-    python -m experiments.search.made_cases OUT.jsonl --nulls 400           # how often something is named by chance
-    python -m experiments.search.made_cases OUT.jsonl --cases rebound centre --tosses 40
-    python -m experiments.search.made_cases OUT.jsonl --data CUBE.h5 --skip 0 40 80 --tosses 40    # its train split
-
-A line of JSON a case: what was made, what was found, seconds of processor time. Lines that are there are not made
-again, so an interrupted run goes on. `docs/results/diagnosis.md` has the table.
+python -m experiments.search.made_cases OUT.jsonl                       # the cases below
+python -m experiments.search.made_cases OUT.jsonl --nulls 400 --tosses 16    # how often is something named by chance?
+python -m experiments.search.made_cases OUT.jsonl --cases rebound centre --tosses 40
+python -m experiments.search.made_cases OUT.jsonl --data CUBE.h5 --skip 0 40 80 --tosses 40 --judged  # training tosses
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
+from scipy.stats import binomtest
 
-from tossid.diagnosis.diagnose import diagnose
-from tossid.ingestion.ingest import ingest_source
-from tossid.objects import ObjectModel, load_object
+import tossid
+from experiments.harness import Case, Line, markdown, measured, options, succeeded
+from pipelines.cli.failures import guarded
+from tossid.audit.making import TOSSES, record
+from tossid.objects import load_object
+from tossid.settings.audit import AuditSettings
 from tossid.settings.diagnosis.diagnose import DiagnoseSettings
-from tossid.settings.ingestion import IngestSettings
-from tossid.settings.synthesis import LcpEngine, NoiseSettings, SynthesizeSettings
-from tossid.store import Dataset, read_dataset, write_tum
-from tossid.store.importers import TumSource
+from tossid.settings.synthesis import LcpEngine, SynthesizeSettings
+from tossid.store import Dataset, read_dataset
 from tossid.synthesis.engines import ENGINES
-from tossid.synthesis.tosses import add_noise, make_tosses
+from tossid.synthesis.tosses import make_tosses
 
 Effects = Mapping[str, Mapping[str, float]]
 
@@ -82,104 +79,112 @@ CASES: dict[str, tuple[str, Effects]] = {
 }
 """By name: the engine, and the effects that the stated cube lacks."""
 
-NOISE = NoiseSettings(position=1.5e-4, rotation=1.5e-3, joint=1.5e-3)
 SUBSTEPS = 32
 """Of the exact engine a frame, sixteen times as fine as the search simulates."""
 
 
-def made(
-    model: ObjectModel, engine: str, effects: Effects, tosses: int, seed: int, noise: NoiseSettings = NOISE
-) -> Dataset:
-    """A dataset of made tosses, with noise as a tracker has it, ingested from pose files.
+def made(engine: str, effects: Effects, tosses: int, seed: int, noise: float = 1.5e-4) -> Dataset:
+    """A dataset of tosses of the cube, with noise as a tracker has it, ingested from pose files.
 
     Args:
-        model: The stated object.
         engine: "lcp" or "mujoco".
-        effects: What the stated object lacks.
+        effects: What the stated cube lacks.
         tosses: How many.
         seed: Of throws and noise.
-        noise: Of the poses.
+        noise: Of positions [m]; rotations have ten times as much [rad].
     """
-    how = ENGINES[engine].settings()
+    model, how = load_object("cube"), ENGINES[engine].settings()
     how = replace(how, substeps=SUBSTEPS) if isinstance(how, LcpEngine) else how
     settings = SynthesizeSettings(engine=how, tosses=tosses, effects={k: dict(v) for k, v in effects.items()})
     of_throws, of_noise = np.random.default_rng([seed, 5]).spawn(2)
+    of_poses = AuditSettings(position_noise=noise, rotation_noise=10 * noise)
     with TemporaryDirectory() as folder:
-        out = Path(folder) / "tosses.h5"
-        write_tum(Path(folder) / "tum", add_noise(make_tosses(settings, model, of_throws)[0], model, noise, of_noise))
-        source = TumSource(path=Path(folder) / "tum")
-        ingest_source(source, object=model, settings=IngestSettings(), out=out, progress=lambda done: None)
-        return read_dataset(out)
+        record(make_tosses(settings, model, of_throws)[0], model, of_poses, of_noise, Path(folder))
+        return read_dataset(Path(folder) / TOSSES)
 
 
-def diagnosed(dataset: Dataset, *, judged: bool, threads: int) -> dict[str, Any]:
-    """What a diagnosis of a dataset's nominal simulator says.
+def diagnosed(case: Case, data: str) -> Line:
+    """What a diagnosis of the nominal cube says.
 
     Args:
-        dataset: Of tosses.
-        judged: Whether the search is repeated without parts of the tosses, which judge it.
-        threads: Of simulators.
+        case: Its name, its `seed` (of a dataset: how many training tosses are left out first), number of `tosses`, and
+            `repeats` of the search.
+        data: A dataset of recorded tosses; empty for made ones.
     """
-    began, elapsed = time.process_time(), time.perf_counter()
-    gap = diagnose(dataset, "nominal", repeats=FOLDS if judged else 0, threads=threads, tosses=len(dataset))
+    if data:
+        recorded = read_dataset(Path(data))
+        chosen = recorded.of_split("train")[case["seed"] : case["seed"] + case["tosses"]]
+        truth, dataset = None, replace(recorded, tosses=chosen)
+    else:
+        engine, truth = CASES[case["case"]]
+        dataset = made(engine, truth, case["tosses"], case["seed"])
+    began = time.process_time()
+    gap = tossid.diagnose(dataset, "nominal", repeats=case["repeats"], threads=1, tosses=len(dataset))
     before, after = gap.brings.position_pct()
     return {
-        "law": gap.contact,
-        "verdict": gap.verdict,
+        "truth": truth,
         "found": {f.name: {key: x.as_json() for key, x in f.parameters.items()} for f in gap.found},
-        "effects": {f.name: f.verdict for f in gap.found},
+        "verdict": gap.verdict,
         "minor": list(gap.minor),
         "alike": {f.name: list(f.confusable_with) for f in gap.found if f.confusable_with},
-        "gain": {f.name: f.evidence["gain"] for f in gap.found},
-        "frequency": {f.name: f.frequency for f in gap.found} if judged else None,
-        "closed": gap.gap_closed.as_json() if judged else None,
+        "frequency": {f.name: f.frequency for f in gap.found} if case["repeats"] else None,
+        "closed": gap.gap_closed.as_json() if case["repeats"] else None,
         "position_error_pct": [before.value, after.value],
         "seconds": round(time.process_time() - began, 2),
-        "elapsed": round(time.perf_counter() - elapsed, 2),
     }
 
 
-FOLDS = DiagnoseSettings().repeats
-"""Parts of the tosses that judge the search."""
+def row(line: Line) -> list[str]:
+    """A row of the table."""
+    found = []
+    for name, values in line["found"].items():
+        how_often = "" if line["frequency"] is None else f" [{100 * line['frequency'][name]:.0f} %]"
+        or_others = f" (or {', '.join(line['alike'][name])})" if name in line["alike"] else ""
+        numbers = ", ".join(f"{x['value']:.4g}" for x in values.values())
+        found.append(f"{name} {numbers}{how_often}{or_others}")
+    closed = "" if line["closed"] is None else "{:.0f} %".format(100 * line["closed"]["value"])
+    tosses = "{:.2g} → {:.2g}".format(*line["position_error_pct"])
+    about = (line["case"], line["seed"], "; ".join(found) or "nothing", line["verdict"], closed, tosses)
+    return [*map(str, about), f"{line['seconds']:.0f}"]
 
 
-def main() -> None:
-    """Make what is missing of the asked cases."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--cases", nargs="*", default=list(CASES))
-    parser.add_argument("--tosses", type=int, default=20)
-    parser.add_argument("--nulls", type=int, default=0, help="so many draws of the case 'null' instead")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--data", type=Path, help="a dataset of recorded tosses instead")
-    parser.add_argument("--skip", type=int, nargs="*", default=[0], help="its tosses before the first, of each search")
-    parser.add_argument("--judged", action="store_true")
-    parser.add_argument("--threads", type=int, default=1)
-    given = parser.parse_args()
+def summary(lines: Sequence[Line]) -> str:
+    """How many made cases have the right names and no other, and how many intervals hold the truth."""
+    known = [line for line in lines if line["truth"] is not None]
+    right = sum(set(line["found"]) == set(line["truth"]) for line in known)
+    held = [
+        x["ci95"][0] <= line["truth"][name][key] <= x["ci95"][1]
+        for line in known
+        for name, values in line["found"].items()
+        for key, x in values.items()
+        if key in line["truth"].get(name, {}) and x["ci95"] is not None
+    ]
+    low, high = binomtest(len(known) - right, len(known)).proportion_ci() if known else (np.nan, np.nan)
+    return (
+        f"{right} of {len(known)} name what was made and nothing else (95 % of the share that does not: "
+        f"{100 * low:.1f} to {100 * high:.1f} %); intervals hold {sum(held)} of {len(held)} parameters"
+    )
+
+
+def main(arguments: list[str]) -> None:
+    """Make and diagnose the cases that OUT lacks, and print all that are asked for."""
+    given = options(
+        __doc__, arguments, out=Path, cases=tuple(CASES), tosses=20, nulls=0, seed=1, data="", skip=(0,), judged=False,
+        processes=1,
+    )  # fmt: skip
     asked = [(name, given.seed + k) for k, name in enumerate(given.cases)]
     if given.nulls:
         asked = [("null", given.seed + k) for k in range(given.nulls)]
-    if given.data is not None:
-        asked = [(given.data.stem, skip) for skip in given.skip]
-    lines = given.out.read_text().splitlines() if given.out.exists() else []
-    known = {(line["case"], line["seed"], line["tosses"]) for line in map(json.loads, lines)}
-    model = load_object("cube")
-    for name, seed in asked:
-        if (name, seed, given.tosses) in known:
-            continue
-        engine, effects = CASES.get(name, ("recorded", {}))
-        if given.data is None:
-            dataset = made(model, engine, effects, given.tosses, seed)
-        else:
-            recorded = read_dataset(given.data)
-            chosen = recorded.of_split("train")[seed : seed + given.tosses]
-            dataset = replace(recorded, tosses=chosen)
-        line = {"case": name, "seed": seed, "tosses": given.tosses, "truth": effects}
-        line |= diagnosed(dataset, judged=given.judged, threads=given.threads)
-        with given.out.open("a") as file:
-            file.write(json.dumps(line) + "\n")
-        print(f"{name} {seed}: {line['found']} ({line['seconds']} s)", file=sys.stderr)
+    if given.data:
+        asked = [(Path(given.data).stem, skip) for skip in given.skip]
+    repeats = DiagnoseSettings().repeats if given.judged else 0
+    cases = [{"case": name, "seed": seed, "tosses": given.tosses, "repeats": repeats} for name, seed in asked]
+    measure = partial(diagnosed, data=given.data)
+    lines = list(succeeded(measured(given.out, cases, measure, processes=given.processes)))
+    heads = ("case", "seed", "found", "verdict", "closed", "whole tosses [%]", "CPU s")
+    print(markdown(heads, map(row, lines)))
+    print(summary(lines))
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(guarded(lambda: main(sys.argv[1:]), "made_cases"))

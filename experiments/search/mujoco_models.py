@@ -1,29 +1,26 @@
 """A user's MuJoCo model as people have it, diagnosed: soft contact, a pyramidal cone, 2 ms, and another friction.
 
-    python -m experiments.search.mujoco_models OUT.jsonl                     # twenty cases
+    python -m experiments.search.mujoco_models OUT.jsonl                     # twelve cases
     python -m experiments.search.mujoco_models OUT.jsonl --cases 6 --noise 1e-5
-    python -m experiments.search.mujoco_models OUT.jsonl --cases 0           # the table of what is there
 
 A case draws what the real cube has and the model lacks, makes tosses of it in an engine with rigid contact, and
 searches over half of them. The other half judges: whole tosses in plain MuJoCo, by the user's file, by its patch, and
-by that of the true effects, beyond which only another engine could go. A line of JSON a case; lines that are there are
-not made again.
+by that of the true effects, beyond which only another engine could go.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import time
-from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 
-from experiments.search.made_cases import NOISE, made
+from experiments.harness import Case, Line, markdown, measured, options, succeeded
+from experiments.search.made_cases import made
+from pipelines.cli.failures import guarded
 from tossid.diagnosis.inference.hypothesis import COULOMB, Hypothesis
 from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.inference.search import Search
@@ -32,7 +29,6 @@ from tossid.diagnosis.localisation.rollouts import distances
 from tossid.diagnosis.patch.rerun import runs_in_mujoco
 from tossid.diagnosis.simulators import read_simulator
 from tossid.motion.resting import rest_scatter
-from tossid.objects import load_object
 from tossid.physics.effects import effects_for
 
 MODEL = """<mujoco model="my cube">
@@ -46,6 +42,8 @@ MODEL = """<mujoco model="my cube">
   </worldbody>
 </mujoco>
 """
+ENGINES = ("lcp", "mujoco")
+WHEN = ("before", "after", "by the truth")
 KINDS = ("friction", "inertia", "centre", "none")
 TOSSES = 16
 """That are searched, and as many that judge."""
@@ -58,7 +56,7 @@ def drawn(case: int) -> tuple[str, dict[str, dict[str, float]]]:
         case: Its number.
     """
     rng, kind = np.random.default_rng([case, 17]), KINDS[case % len(KINDS)]
-    engine = ("lcp", "mujoco")[case // len(KINDS) % 2]
+    engine = ENGINES[case // len(KINDS) % 2]
     if kind == "none":
         return engine, {}
     effects = {"friction": {"mu": float(rng.uniform(0.23, 0.33))}}
@@ -71,17 +69,15 @@ def drawn(case: int) -> tuple[str, dict[str, dict[str, float]]]:
     return engine, effects
 
 
-def searched(case: int, *, noise: float, threads: int) -> dict[str, Any]:
+def searched(case: Case, threads: int) -> Line:
     """What is found of a case, and what the patch brings in plain MuJoCo for tosses that took no part.
 
     Args:
-        case: Its number.
-        noise: Of positions [m].
+        case: Its number, and the `noise` of positions [m].
         threads: Of simulators.
     """
-    engine, truth = drawn(case)
-    of_poses = replace(NOISE, position=noise, rotation=noise * NOISE.rotation / NOISE.position)
-    dataset = made(load_object("cube"), engine, truth, 2 * TOSSES, case, of_poses)
+    engine, truth = drawn(case["case"])
+    dataset = made(engine, truth, 2 * TOSSES, case["case"], case["noise"])
     tosses, model = dataset.tosses, dataset.object
     windows = make_windows(tosses, model, scatter=rest_scatter(tosses, model))
     part = [Sample(windows.of_tosses(np.arange(TOSSES) + at), TOSSES, threads) for at in (0, TOSSES)]
@@ -91,71 +87,44 @@ def searched(case: int, *, noise: float, threads: int) -> dict[str, Any]:
         path.write_text(MODEL)
         simulator = read_simulator(path, model)
         stated = Hypothesis(simulator.world, simulator.law)
-        begun = time.perf_counter()
+        began = time.process_time()
         found = Search(part[0], tuple(library.values()), stated, simulator.laws).run().hypothesis
-        seconds = time.perf_counter() - begun
+        seconds = time.process_time() - began
         true = Hypothesis(simulator.world, COULOMB)
         for name, values in truth.items():
             true = true.plus(library[name], library[name].values_with(true.world(), values))
         runs, others = runs_in_mujoco(path), tosses[TOSSES:]
         recorded = [toss.q for toss in others]
         errors = [distances(runs(h, others, part[1]), recorded, model.width) for h in (stated, found, true)]
-        before, after, best = (np.nanmean(each, axis=0).tolist() for each in errors)
     return {
-        "case": case,
-        "noise": noise,
         "engine": engine,
         "truth": truth,
         "law": found.law.name,
         "found": {effect.name: effect.named(values) for effect, values in found.items()},
-        "before": before,
-        "after": after,
-        "best": best,
+        **{when: np.nanmean(each, axis=0).tolist() for when, each in zip(WHEN, errors, strict=True)},
         "seconds": round(seconds, 1),
     }
 
 
-def table(lines: list[dict[str, Any]]) -> str:
-    """The cases in words, and the medians of what the patches close.
-
-    Args:
-        lines: Of the cases.
-    """
-    out = []
+def main(arguments: list[str]) -> None:
+    """Make the cases that OUT lacks, and print them and the medians of what the patches close."""
+    given = options(__doc__, arguments, out=Path, cases=12, noise=1.5e-4, threads=1, processes=1)
+    cases = [{"case": case, "noise": given.noise} for case in range(given.cases)]
+    measure = partial(searched, threads=given.threads)
+    lines = list(succeeded(measured(given.out, cases, measure, processes=given.processes)))
+    heads = ("case", "tosses by", "true", "found", "law", *(f"{when} [%], [deg]" for when in WHEN), "CPU s")
+    rows = []
     for line in lines:
-        errors = " to ".join("{:.2f} % {:.1f} deg".format(*line[when]) for when in ("before", "after"))
-        names = ", ".join(line["found"]) or "nothing"
-        best = "{:.2f} % {:.1f} deg".format(*line["best"])
-        out.append(f"{line['case']:3d} {line['engine']:6s} {line['law']:8s} {errors} (truth {best}): {names}")
-    for engine in ("lcp", "mujoco"):
+        names = (", ".join(line[key]) or "nothing" for key in ("truth", "found"))
+        errors = ("{:.2f}, {:.1f}".format(*line[when]) for when in WHEN)
+        rows.append([line["case"], line["engine"], *names, line["law"], *errors, line["seconds"]])
+    print(markdown(heads, rows))
+    for engine in ENGINES:
         some = [line for line in lines if line["engine"] == engine]
         right = sum(set(line["found"]) == set(line["truth"]) for line in some)
-        closed = [np.median([1 - x[when][0] / x["before"][0] for x in some] or [np.nan]) for when in ("after", "best")]
-        out.append(
-            f"{engine}: names right in {right} of {len(some)}, closed {closed[0]:.1%}; by the truth {closed[1]:.1%}"
-        )
-    return "\n".join(out)
-
-
-def main() -> None:
-    """Make what is missing of the asked cases."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--cases", type=int, default=20)
-    parser.add_argument("--noise", type=float, default=NOISE.position, help="of positions [m]; rotations in proportion")
-    parser.add_argument("--threads", type=int, default=1)
-    given = parser.parse_args()
-    lines = [json.loads(line) for line in given.out.read_text().splitlines()] if given.out.exists() else []
-    known = {(line["case"], line["noise"]) for line in lines}
-    for case in range(given.cases):
-        if (case, given.noise) in known:
-            continue
-        lines.append(searched(case, noise=given.noise, threads=given.threads))
-        with given.out.open("a") as file:
-            file.write(json.dumps(lines[-1]) + "\n")
-        print(json.dumps(lines[-1]), file=sys.stderr)
-    print(table([line for line in lines if line["noise"] == given.noise]))
+        closed = [np.median([1 - x[when][0] / x["before"][0] for x in some] or [np.nan]) for when in WHEN[1:]]
+        print(f"{engine}: names right in {right} of {len(some)}, closed {closed[0]:.1%}; by the truth {closed[1]:.1%}")
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(guarded(lambda: main(sys.argv[1:]), "mujoco_models"))

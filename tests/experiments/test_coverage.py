@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiments import coverage
-from experiments.coverage import Found, drawn, one_set, row, truth_of
+from experiments.coverage import drawn, one_set, row, truth_of
 from tossid.objects import ObjectModel
 
 
@@ -20,13 +20,14 @@ def test_each_parameter_is_held_against_its_own_truth(cube: ObjectModel) -> None
 
 
 def test_a_row_counts_what_is_determined() -> None:
-    found = [Found("cn", "lcp", "friction", holds) for holds in (True, True, False, None)]
-    found += [Found("cnrpi", "mujoco", "inertia", True)]
+    one, other = {"model": "cn", "engine": "lcp", "kind": "friction"}, {"model": "cnrpi", "engine": "mujoco"}
+    found = [{**one, "holds": holds} for holds in (True, True, False, None)]
+    found.append({**other, "kind": "inertia", "holds": True})
     assert row(found, "cn", "lcp") == ["cn", "lcp", "2 of 3", "-", "-", "-", "2 of 3", "67 %", "1 of 4"]
     assert row(found, "all", "all")[-3:] == ["3 of 4", "75 %", "1 of 5"]
 
 
 def test_a_set_is_tossed_and_learned(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(coverage, "MODELS", ("cn",))
-    (found,) = one_set(0, seed=3)
-    assert (found.model, found.engine, found.kind) == ("cn", "lcp", "friction")
+    (found,) = one_set({"set": 0, "seed": 3})["found"]
+    assert (found["model"], found["engine"], found["kind"]) == ("cn", "lcp", "friction")
