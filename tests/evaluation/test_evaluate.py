@@ -14,7 +14,7 @@ import torch
 import tossid
 from tests.models.made import tosses
 from tossid.errors import ConfigError, InputError
-from tossid.evaluation.evaluate import metric_means, ranked
+from tossid.evaluation.evaluate import Scores, metric_means, ranked
 from tossid.models import TrainedModel, build_model, variant
 from tossid.models.contactnets import ContactNets
 from tossid.objects import ObjectModel, center_positions
@@ -35,6 +35,12 @@ def dataset(cube: ObjectModel) -> Dataset:
     return Dataset(cube, tuple(made), 148.0, "made")
 
 
+@pytest.fixture(scope="module")
+def scores(cube: ObjectModel, dataset: Dataset) -> Scores:
+    """Of a model with too little gravity."""
+    return tossid.evaluate(model_of(cube, gravity=9.0), dataset)
+
+
 def test_the_truth_has_no_error(cube: ObjectModel, dataset: Dataset) -> None:
     scores = tossid.evaluate(model_of(cube), dataset)
     for metrics in (scores.metrics, scores.metrics["from_flight"], scores.metrics["sixteen_steps"]):
@@ -44,23 +50,22 @@ def test_the_truth_has_no_error(cube: ObjectModel, dataset: Dataset) -> None:
     assert scores.metrics["diverged"] == 0
 
 
-def test_batches_give_what_all_at_once_gives(cube: ObjectModel, dataset: Dataset) -> None:
-    model = model_of(cube, gravity=9.0)
-    whole, parts = tossid.evaluate(model, dataset), tossid.evaluate(model, dataset, batch=2)
-    for name, value in vars(whole.per_toss).items():
+def test_batches_give_what_all_at_once_gives(cube: ObjectModel, dataset: Dataset, scores: Scores) -> None:
+    parts = tossid.evaluate(model_of(cube, gravity=9.0), dataset, batch=2)
+    for name, value in vars(scores.per_toss).items():
         np.testing.assert_allclose(vars(parts.per_toss)[name], value, rtol=1e-9, atol=1e-9, err_msg=name)
     assert parts.names == tuple(toss.name for toss in dataset.tosses)
 
 
-def test_the_rollouts_that_are_drawn_are_those_that_were_scored(cube: ObjectModel, dataset: Dataset) -> None:
-    scores = tossid.evaluate(model_of(cube, gravity=9.0), dataset)
+def test_the_rollouts_that_are_drawn_are_those_that_were_scored(
+    cube: ObjectModel, dataset: Dataset, scores: Scores
+) -> None:
     for toss, run, error in zip(dataset.tosses, scores.rollouts(), scores.per_toss.position_error_pct, strict=True):
         distance = np.linalg.norm(center_positions(cube, run.q) - center_positions(cube, toss.q), axis=1)
         assert 100 * distance.mean() / cube.width == pytest.approx(error, abs=1e-9)
 
 
-def test_they_show_and_save_themselves(cube: ObjectModel, dataset: Dataset, tmp_path: Path) -> None:
-    scores = tossid.evaluate(model_of(cube, gravity=9.0), dataset)
+def test_they_show_and_save_themselves(scores: Scores, tmp_path: Path) -> None:
     assert "position_error_pct" in repr(scores)
     assert scores._repr_html_().count("<tr>") == 1 + len(scores.table()[1])
     files = {path.name for path in scores.save(tmp_path / "scores")}
@@ -110,7 +115,6 @@ def test_gravity_of_k_res_is_carried_and_the_rest_of_it_named(cube: ObjectModel,
     settings = TrainSettings(model=replace(variant("cnrp"), gravity=5.0))
     model = build_model(settings.model, cube)
     assert isinstance(model, ContactNets)
-    assert model.k_res is not None
     with torch.no_grad():
         model.k_res.vertical -= 0.4  # 4 m/s² more downwards
         model.k_res.linear[0, 0] += 0.05

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.models.made import DT
+from tests.models.made import DT, toss_of
 from tests.models.made import flights as made_flights
 from tossid.evaluation.accelerations import accelerations_over_toss
 from tossid.evaluation.metrics import score_tosses, score_windows, wrapped
@@ -51,9 +51,7 @@ def test_the_error_in_flight_is_that_of_gravity(elbow: ObjectModel, flights: lis
 def test_recorded_poses_have_a_penetration_of_their_own(cube: ObjectModel) -> None:
     """A cube that is recorded 2 mm too low at rest: its rollout, lifted onto the ground, does not sink."""
     q = np.tile([0.0, 0.0, 0.5 * cube.width - 0.002, 1.0, 0.0, 0.0, 0.0], (20, 1))
-    cov, phase = np.tile(1e-9 * np.eye(6), (20, 1, 1)), np.zeros(20, dtype=np.uint8)
-    low = Toss("low", np.arange(20) * DT, q, np.zeros((20, 6)), cov, cov, phase)
-    scores = score_tosses(Simulator(make_system(cube)), cube, [low])
+    scores = score_tosses(Simulator(make_system(cube)), cube, [toss_of("low", q, cov=1e-9)])
     assert scores.recorded_penetration_mm[0] == pytest.approx(2.0)
     assert scores.penetration_mm[0] < 0.1
 
@@ -96,8 +94,7 @@ def own_toss(system: System, model: ObjectModel, *, frames: int) -> tuple[Toss, 
     run = simulate(system, q0, v0, n_steps=frames, dt=DT)
     pushes = run.lam_n[0].sum(axis=1)
     phase = np.where(np.concatenate([[0.0], pushes]) > 0, Phase.SLIDE, Phase.FLIGHT).astype(np.uint8)
-    cov = np.tile(1e-6 * np.eye(model.nv), (frames + 1, 1, 1))
-    toss = Toss("own", DT * np.arange(frames + 1), run.q[0], run.v[0], cov, cov, phase)
+    toss = toss_of("own", run.q[0], run.v[0], cov=1e-6, phase=phase)
     return toss, pushes / (model.mass.sum() * DT)
 
 

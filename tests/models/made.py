@@ -24,15 +24,32 @@ def thrown(rng: np.random.Generator, count: int, n_joints: int = 0) -> tuple[np.
     return q, np.concatenate([v, 4 * rng.normal(size=(count, n_joints))], axis=1)
 
 
+def toss_of(
+    name: str,
+    q: np.ndarray,
+    v: np.ndarray | None = None,
+    *,
+    dt: float = DT,
+    cov: float | np.ndarray = 0.0,
+    phase: int | np.ndarray = 0,
+) -> Toss:
+    """A toss of poses (n, nq), exactly known and without velocity unless it is stated.
+
+    cov: of poses and of velocities alike, (nv, nv) or a variance.
+    """
+    n, nv = len(q), q.shape[1] - 1
+    covs = np.tile(cov * np.eye(nv) if np.ndim(cov) == 0 else cov, (n, 1, 1))
+    phases = np.broadcast_to(np.asarray(phase, dtype=np.uint8), n).copy()
+    return Toss(name, dt * np.arange(n), q, np.zeros((n, nv)) if v is None else v, covs, covs, phases)
+
+
 def tosses(model: ObjectModel, count: int, *, seed: int, frames: int = 70, substeps: int = 1) -> list[Toss]:
     """Tosses by the LCP engine, without noise. Impacts happen where steps end, unless rollouts take these steps."""
     q, v = thrown(np.random.default_rng(seed), count, model.n_joints)
     parts = ModelSettings.impact_parts if substeps == ModelSettings.substeps else 1
     simulator = Simulator(make_system(model), substeps=substeps, impact_parts=parts)
     run = simulator.rollout(q, v, n_steps=frames, dt=DT)
-    zero, phase = np.zeros((frames + 1, model.nv, model.nv)), np.zeros(frames + 1, dtype=np.uint8)
-    t = np.arange(frames + 1) * DT
-    return [Toss(str(i), t, run.q[i], run.v[i], zero, zero, phase) for i in range(count)]
+    return [toss_of(str(i), run.q[i], run.v[i]) for i in range(count)]
 
 
 def flights(model: ObjectModel, count: int, *, noise: float = 0.0) -> list[Toss]:
@@ -41,6 +58,5 @@ def flights(model: ObjectModel, count: int, *, noise: float = 0.0) -> list[Toss]
     q, v = thrown(rng, count, model.n_joints)
     q[:, 2] += 1.0
     run = simulate(make_system(model), q, v, n_steps=30, dt=DT, substeps=16)
-    zero, t = np.zeros((31, model.nv, model.nv)), np.arange(31) * DT
     run.v[..., :3] += noise * rng.normal(size=(count, 31, 3))
-    return [Toss(str(i), t, run.q[i], run.v[i], zero, zero, np.zeros(31, np.uint8)) for i in range(count)]
+    return [toss_of(str(i), run.q[i], run.v[i]) for i in range(count)]

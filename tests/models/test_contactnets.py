@@ -44,10 +44,10 @@ def test_gradient_by_the_envelope_theorem(cube: ObjectModel, transitions: Transi
 
 
 def test_geometry_and_friction_come_back(cube: ObjectModel) -> None:
-    made = tosses(cube, 64, seed=3)
+    made = tosses(cube, 48, seed=3)
     start = cube.with_changes(corner_pos=1.2 * cube.corner_pos, friction=2 * cube.friction)
     model = ContactNets(start, ModelSettings(horizons=()))
-    fit = Fit(model, made[:48], made[48:], TrainSettings(epochs=60, patience=10))
+    fit = Fit(model, made[:36], made[36:], TrainSettings(epochs=60, patience=10))
     records = list(fit.epochs())
     assert records[-1].validation_loss < records[0].validation_loss
     learned = model.learned_object()
@@ -66,13 +66,3 @@ def test_noise_of_velocities_is_not_taken_for_drag(cube: ObjectModel) -> None:
     found = model.simulator().acceleration(q, v)[:, :3] + np.array([0, 0, 9.81])
     drag = -(found * v[:, :3]).sum() / (v[:, :3] ** 2).sum()
     assert abs(drag) < 0.02
-
-
-def test_missing_gravity_is_repaired_from_flight(cube: ObjectModel) -> None:
-    made = tosses(cube, 8, seed=5)
-    model = ContactNets(cube, ModelSettings(gravity=0.0, learn_k_res=True, horizons=()), seed=0)
-    list(Fit(model, made, made, TrainSettings(epochs=25)).epochs())
-    data = make_transitions(cube, made)
-    assert model.flight_gravity(data) == pytest.approx(9.81, rel=0.02)
-    acceleration = model.simulator().acceleration(made[0].q[:5], made[0].v[:5])
-    assert acceleration[:, 2] == pytest.approx(-9.81, rel=0.03)

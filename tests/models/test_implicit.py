@@ -10,7 +10,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from tests.models.made import tosses
+from tests.models.made import toss_of, tosses
 from tests.physics.trees import random_tree
 from tossid.errors import InputError
 from tossid.models.implicit import Bodies, Dynamics, LossTerms, LossWeights, free_acceleration, implicit_loss
@@ -18,7 +18,6 @@ from tossid.models.transitions import Transitions, make_transitions
 from tossid.objects import ObjectModel, corner_positions, object_from_mjcf
 from tossid.physics.solvers import ConeProgramme, solve_contacts
 from tossid.rotations import skew
-from tossid.types import Toss
 
 WEIGHTS = LossWeights(complementarity=0.7, dissipation=0.3, penetration=1.3, gap_scale=2e-3)
 CAPSULE = """<mujoco><worldbody><geom type="plane" size="1 1 1"/><body name="capsule"><freejoint/>
@@ -34,8 +33,7 @@ def made_up(model: ObjectModel, rng: np.random.Generator, *, count: int = 60) ->
     q[:, 2] += rng.uniform(-0.05, 0.3, count) * model.width - lowest
     v = rng.normal(size=(count, model.nv))
     v[1:] = 0.6 * v[:-1] + 0.4 * v[1:]
-    zero, phase = np.zeros((count, model.nv, model.nv)), np.zeros(count, dtype=np.uint8)
-    return make_transitions(model, [Toss("made up", np.arange(count) / 148, q, v, zero, zero, phase)])
+    return make_transitions(model, [toss_of("made up", q, v)])
 
 
 def random_bodies(model: ObjectModel, rng: np.random.Generator) -> Bodies:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -68,6 +68,14 @@ def bounce(
     return out
 
 
+def noisy(q: np.ndarray, rng: np.random.Generator, position: float, rotation: float) -> np.ndarray:
+    """Poses (n, nq) with white noise on place [m], and on attitude and joints [rad]."""
+    n, nq = q.shape
+    place = q[:, :3] + position * rng.normal(size=(n, 3))
+    turned = quat_normalize(quat_mul(q[:, 3:7], quat_exp(rotation * rng.normal(size=(n, 3)))))
+    return np.column_stack([place, turned, q[:, 7:] + rotation * rng.normal(size=(n, nq - 7))])
+
+
 def tracked(
     truth: Truth,
     rng: np.random.Generator,
@@ -77,15 +85,17 @@ def tracked(
     rotation: float = ROTATION_NOISE,
     with_cov: bool = True,
 ) -> PoseTrack:
-    """The truth as a tracker would see it: white noise on position, attitude and joints."""
-    n, nq = truth.q.shape
-    q = truth.q.copy()
-    q[:, :3] += rng.normal(size=(n, 3)) * position
-    q[:, 3:7] = quat_normalize(quat_mul(q[:, 3:7], quat_exp(rng.normal(size=(n, 3)) * rotation)))
-    q[:, 7:] += rng.normal(size=(n, nq - 7)) * rotation
-    sigma = np.array([position] * 3 + [rotation] * (nq - 4))
-    cov = np.tile(np.diag(sigma**2), (n, 1, 1)) if with_cov else None
-    return PoseTrack(name=name, t=truth.t, q=q, q_cov=cov)
+    """The truth as a tracker would see it."""
+    track = track_of(truth.t, truth.q, rng, (position, rotation), name=name)
+    return track if with_cov else replace(track, q_cov=None)
+
+
+def track_of(
+    t: np.ndarray, q: np.ndarray, rng: np.random.Generator, noise: tuple[float, float], *, name: str = "recording"
+) -> PoseTrack:
+    """Poses at times with noise [m, rad], and its covariance."""
+    sigma = np.repeat(noise, [3, q.shape[1] - 4])
+    return PoseTrack(name, t, noisy(q, rng, *noise), np.tile(np.diag(sigma**2), (len(t), 1, 1)))
 
 
 def jumps(truth: Truth, *, gravity: float = 9.81) -> np.ndarray:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.models.made import DT, tosses
+from tests.models.made import DT, toss_of, tosses
 from tests.motion.bouncing import Truth, bounce, tracked
 from tossid.errors import ObjectError
 from tossid.motion import (
@@ -69,11 +69,10 @@ def test_one_wrong_frame_is_left_out_of_local_parabolas() -> None:
 # first states
 
 
-def toss_of(truth: Truth, rng: np.random.Generator, *, v_error: float = 0.0) -> Toss:
+def as_toss(truth: Truth, rng: np.random.Generator, *, v_error: float = 0.0) -> Toss:
     track = tracked(truth, rng)
-    n, nv = truth.v.shape
-    v_cov = np.tile(np.eye(nv) * max(v_error, 1e-3) ** 2, (n, 1, 1))
-    return Toss("x", track.t, track.q, truth.v + v_error, track.q_cov, v_cov, np.zeros(n, dtype=np.uint8))
+    made = toss_of("x", track.q, truth.v + v_error, cov=max(v_error, 1e-3) ** 2)
+    return replace(made, t=track.t, q_cov=track.q_cov)
 
 
 def first_state(toss: Toss, model: ObjectModel, **keys: float) -> FlightState:
@@ -89,7 +88,7 @@ def error_of(state: FlightState, truth: Truth) -> np.ndarray:
 def test_the_first_state_is_recovered(body: str, request: pytest.FixtureRequest) -> None:
     model, rng = request.getfixturevalue(body), np.random.default_rng(1)
     truths = bounce(model, rng, tosses=12, frames=45)
-    states = [first_state(toss_of(truth, rng, v_error=0.3), model) for truth in truths]
+    states = [first_state(as_toss(truth, rng, v_error=0.3), model) for truth in truths]
     errors = np.array([error_of(s, x) for s, x in zip(states, truths, strict=True)])
     assert all(12 < state.n_frames <= int(np.argmax(x.contact)) + 1 for state, x in zip(states, truths, strict=True))
     assert np.sqrt((errors[:, 6:9] ** 2).mean()) < 1.5e-3
@@ -97,13 +96,13 @@ def test_the_first_state_is_recovered(body: str, request: pytest.FixtureRequest)
     honest = np.array([e @ np.linalg.solve(s.cov, e) / 12 for e, s in zip(errors, states, strict=True)])
     assert 0.6 < honest.mean() < 1.5
     assert 0.8 < np.mean([state.chi2 for state in states]) < 1.2
-    exact = replace(toss_of(truths[0], rng), q=truths[0].q)
+    exact = replace(as_toss(truths[0], rng), q=truths[0].q)
     np.testing.assert_allclose(error_of(first_state(exact, model), truths[0]), 0, atol=1e-4)
 
 
 def test_wrong_gravity_shows_in_chi2_and_widens_the_covariance(cube: ObjectModel) -> None:
     rng = np.random.default_rng(3)
-    toss = toss_of(bounce(cube, rng, tosses=1, frames=45)[0], rng)
+    toss = as_toss(bounce(cube, rng, tosses=1, frames=45)[0], rng)
     right, wrong = first_state(toss, cube), first_state(toss, cube, gravity=5.0)
     assert right.chi2 < 1.6
     assert wrong.chi2 > 20
@@ -115,22 +114,22 @@ def test_with_few_frames_or_none_the_recorded_state_helps(cube: ObjectModel, elb
     truth = bounce(cube, rng, tosses=1, frames=60)[0]
     first = int(np.argmax(truth.contact))
     late = Truth(truth.t[first - 3 :], truth.q[first - 3 :], truth.v[first - 3 :], truth.contact[first - 3 :])
-    state = first_state(toss_of(late, rng), cube)
+    state = first_state(as_toss(late, rng), cube)
     assert 1 <= state.n_frames < 4
     assert np.abs(error_of(state, late)[6:9]).max() < 5e-3
-    lying, cov = np.tile([0, 0, 0.0524, 1.0, 0, 0, 0], (20, 1)), np.tile(np.eye(6) * 1e-6, (20, 1, 1))
-    toss = Toss("x", np.arange(20) / 148, lying, np.zeros((20, 6)), cov, 4 * cov, np.zeros(20, dtype=np.uint8))
-    state = first_state(toss, cube)
+    lying = np.tile([0, 0, 0.0524, 1.0, 0, 0, 0], (20, 1))
+    toss = toss_of("x", lying, cov=1e-6)
+    state = first_state(replace(toss, v_cov=4 * toss.v_cov), cube)
     assert state.n_frames == 0
     np.testing.assert_array_equal(state.q, lying[0])
     np.testing.assert_allclose(np.diag(state.cov), [1e-6] * 6 + [4e-6] * 6)
     with pytest.raises(ObjectError, match="joints"):
-        first_state(toss_of(bounce(elbow, rng, tosses=1, frames=20)[0], rng), elbow)
+        first_state(as_toss(bounce(elbow, rng, tosses=1, frames=20)[0], rng), elbow)
 
 
 def test_flight_ends_before_the_first_interval_that_may_touch(cube: ObjectModel) -> None:
     rng = np.random.default_rng(3)
-    made = [toss_of(truth, rng) for truth in bounce(cube, rng, tosses=4, frames=90)]
+    made = [as_toss(truth, rng) for truth in bounce(cube, rng, tosses=4, frames=90)]
     made += [made[0].frames(slice(0, 3)), made[1].frames(slice(0, 2)), made[3]]
     made.append(made[2].frames(slice(frames_in_flight([made[2]], cube)[0], None)))
     expected = []
@@ -204,9 +203,7 @@ def sound(model: ObjectModel) -> list[Toss]:
     q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
     v = rng.normal(size=(12, model.nv)) * np.r_[1, 1, 0.3, np.full(model.nv - 3, 5)]
     run = simulate(make_system(model), q, v, n_steps=90, dt=DT, substeps=8)
-    cov = np.tile(1e-6 * np.eye(model.nv), (91, 1, 1))
-    phase = np.zeros(91, dtype=np.uint8)
-    return [Toss(str(i), np.arange(91) * DT, run.q[i], run.v[i], cov, cov, phase) for i in range(12)]
+    return [toss_of(str(i), run.q[i], run.v[i], cov=1e-6) for i in range(12)]
 
 
 def spun(toss: Toss, frame: int, by: float) -> Toss:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.models.made import thrown, tosses
+from tests.models.made import thrown, toss_of, tosses
+from tests.motion.bouncing import noisy
 from tossid.errors import InputError
 from tossid.motion.free_fall import WINDOW_FRAMES, find_parabola, free_fall
 from tossid.motion.links import body_tracks, com_of_moments, determined, moments_of_com, turns
@@ -26,8 +27,7 @@ def falling(rng: np.random.Generator, *, gravity: float = 9.81, spin: float = 6.
     quat = quat_mul(first / np.linalg.norm(first), quat_exp(t[:, None] * spin * rng.normal(size=3)))
     center = rng.normal(size=3) + t[:, None] * rng.normal(size=3) - 0.5 * gravity * t[:, None] ** 2 * [0, 0, 1]
     p = center - quat_to_matrix(quat) @ COM + noise * rng.normal(size=(30, 3))
-    zero = np.zeros((30, 6, 6))
-    return Toss("t", t, np.column_stack([p, quat]), np.zeros((30, 6)), zero, zero, np.zeros(30, dtype=np.uint8))
+    return toss_of("t", np.column_stack([p, quat]), dt=1 / 120)
 
 
 def high(toss: Toss) -> np.ndarray:
@@ -69,10 +69,7 @@ def shifted(cube: ObjectModel) -> ObjectModel:
 def test_flight_is_where_the_centre_of_mass_falls(shifted: ObjectModel) -> None:
     rng, tracks = np.random.default_rng(0), []
     for toss in tosses(shifted, 12, seed=2, frames=100, substeps=4):
-        q = toss.q.copy()
-        q[:, :3] += 1.5e-4 * rng.normal(size=(len(q), 3))
-        q[:, 3:7] = quat_mul(q[:, 3:7], quat_exp(1e-3 * rng.normal(size=(len(q), 3))))
-        tracks.append(PoseTrack(toss.name, toss.t, q))
+        tracks.append(PoseTrack(toss.name, toss.t, noisy(toss.q, rng, 1.5e-4, 1e-3)))
     found = find_parabola(tracks)
     assert found.com[0] == pytest.approx(OFF, abs=1e-3)
     assert 0.01 < found.gyration < 0.06

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.motion.bouncing import track_of
 from tests.vision.tosses import thrown
 from tossid.motion.release import release_frame, release_frames
 from tossid.motion.segmentation import segment
@@ -60,15 +61,7 @@ class Throw:
             x = x + push * pushed
         q = quat_mul(quat_normalize(rng.normal(size=4)), quat_exp(turn))
         x = x - quat_rotate(q, np.full(3, self.com))
-        return _seen(t, np.concatenate([x, q], axis=1), self.noise, rng), before
-
-
-def _seen(t: np.ndarray, q: np.ndarray, noise: tuple[float, float], rng: np.random.Generator) -> PoseTrack:
-    q, n = q.copy(), len(t)
-    q[:, :3] += noise[0] * rng.normal(size=(n, 3))
-    q[:, 3:7] = quat_mul(q[:, 3:7], quat_exp(noise[1] * rng.normal(size=(n, 3))))
-    cov = np.diag([noise[0] ** 2] * 3 + [noise[1] ** 2] * 3)
-    return PoseTrack("throw", t, q, np.tile(cov, (n, 1, 1)))
+        return track_of(t, np.concatenate([x, q], axis=1), rng, self.noise), before
 
 
 def _late(throw: Throw, cube: ObjectModel, count: int = 12) -> np.ndarray:
@@ -121,7 +114,7 @@ def test_what_never_falls_is_left_alone(cube: ObjectModel) -> None:
     t = np.arange(60) / 148.0
     q = np.zeros((60, 7))
     q[:, 2], q[:, 3] = 0.3 + 0.1 * np.sin(3 * t), 1.0
-    assert release_frame(_seen(t, q, USUAL, np.random.default_rng(4)), cube) == 0
+    assert release_frame(track_of(t, q, np.random.default_rng(4), USUAL), cube) == 0
 
 
 @pytest.mark.parametrize("rate", [60.0, 250.0])
@@ -131,7 +124,7 @@ def test_first_velocities_are_those_of_flight(cube: ObjectModel, rate: float) ->
     for seed in range(2):
         rng = np.random.default_rng(seed)
         timeline = make_timeline([thrown(cube, rng, rate_hz=rate) for _ in range(5)], cube, rng)
-        found, _ = segment(_seen(timeline.t, timeline.q, (1e-4, 2e-3), rng), cube)
+        found, _ = segment(track_of(timeline.t, timeline.q, rng, (1e-4, 2e-3)), cube)
         assert len(found) == 5
         for toss, true in zip(tosses_from_tracks(found, cube), timeline.tosses, strict=True):
             k = int(np.argmin(np.abs(true.t - toss.t[0])))
@@ -169,5 +162,5 @@ def test_one_frame_in_the_hand_shows_where_all_tosses_have_it(cube: ObjectModel)
 
 def test_published_tosses_begin_in_flight(cube: ObjectModel, shared_data: Path) -> None:
     """Of the real cube's, hardly any has a hand in it."""
-    tracks = read_contactnets(shared_data / "contactnets_cube")[::10]
+    tracks = read_contactnets(shared_data / "contactnets_cube")[::20]
     assert np.count_nonzero(release_frames(tracks, cube)) <= 0.02 * len(tracks)

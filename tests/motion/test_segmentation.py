@@ -9,27 +9,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.motion.bouncing import track_of
 from tests.motion.handling import Handled, Handling
 from tests.vision.tosses import thrown
 from tossid.motion import segmentation
 from tossid.motion.segmentation import Stretch, rest_frame, segment
 from tossid.motion.sessions.witnesses import fall_words
 from tossid.objects import ObjectModel
-from tossid.rotations import quat_exp, quat_mul
 from tossid.synthesis.timeline import Timeline, make_timeline
 from tossid.types import LongTrack, PoseTrack
 
 RATE = 148.0
 MEASURED, COARSE, ONE_CAMERA = (5e-5, 5e-4), (1e-4, 2e-3), (2e-3, 1e-2)
 """Noise [m, rad]: some times that of three cameras of 1280 by 1024 px, a poor tracker's, and one camera's."""
-
-
-def _tracked(t: np.ndarray, q: np.ndarray, rng: np.random.Generator, noise: tuple[float, float] = COARSE) -> PoseTrack:
-    n = len(t)
-    q = q.copy()
-    q[:, :3] += noise[0] * rng.normal(size=(n, 3))
-    q[:, 3:7] = quat_mul(q[:, 3:7], quat_exp(noise[1] * rng.normal(size=(n, 3))))
-    return PoseTrack("recording", t, q, np.tile(np.diag(np.repeat(noise, 3) ** 2), (n, 1, 1)))
 
 
 def _made(cube: ObjectModel, seed: int, count: int, **keys: float) -> tuple[Timeline, np.random.Generator]:
@@ -65,7 +57,7 @@ def _assert_covered(found: Sequence[PoseTrack], rejected: Sequence[Stretch], t: 
 
 def test_a_long_gap_in_a_toss_rejects_it_and_short_ones_are_bridged(cube: ObjectModel) -> None:
     timeline, rng = _made(cube, 13, 3)
-    whole = _tracked(timeline.t, timeline.q, rng)
+    whole = track_of(timeline.t, timeline.q, rng, COARSE)
 
     def without(*frames: int) -> PoseTrack:
         keep = np.delete(np.arange(len(whole.t)), frames)
@@ -83,7 +75,7 @@ def test_a_long_gap_in_a_toss_rejects_it_and_short_ones_are_bridged(cube: Object
 def test_flights_are_found_without_knowing_gravity(cube: ObjectModel) -> None:
     """A toss in a field a little off 9.81 (a real effect to be found later) is still one."""
     timeline, rng = _made(cube, 15, 2)
-    found, _ = segment(_tracked(timeline.t, timeline.q, rng), cube, gravity=8.6)
+    found, _ = segment(track_of(timeline.t, timeline.q, rng, COARSE), cube, gravity=8.6)
     _assert_found(found, timeline.t[0], timeline.release, timeline.rest)
 
 

@@ -80,7 +80,6 @@ def test_an_object_comes_back(tmp_path: Path) -> None:
     write_object(elbow, elbow.mjcf, tmp_path)
     (tmp_path / "tagslam.yaml").write_bytes((OBJECT_FILES / "elbow_tags.yaml").read_bytes())
     settings = recorded_object(tmp_path)
-    assert settings is not None
     assert settings.path == tmp_path / "object.xml"
     again, model = load_object(settings), load_object("elbow")
     assert (again.name, again.friction, again.width, len(again.tags)) == ("elbow", 0.3, 0.1, len(model.tags))
@@ -153,7 +152,6 @@ def written(folder: Path, bodies: str) -> Path:
 
 
 BOX = '<geom type="box" size="0.05 0.04 0.03" mass="0.2" {}/>'
-
 
 LINK = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry>{}</collision>'
 

@@ -170,13 +170,11 @@ def test_normals_of_some_corners_are_left_aside(tmp_path: Path) -> None:
     file = tmp_path / "scan.obj"
     file.write_text(obj((vertices, triangles[:50]), normals=4) + obj((vertices[:0], triangles[50:])))
     read = read_mesh(file)
-    assert read is not None
     np.testing.assert_allclose(read[0], vertices, atol=1e-8)
     np.testing.assert_array_equal(read[1], triangles)
     # quads, and counts from the end
     file.write_text("v 0 0 0 1 1 1\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvn 0 0 1\nf -4//1 -3//1 -2//1 -1\nv 0 0 1\nf 1 2 5\n")
     read = read_mesh(file)
-    assert read is not None
     assert read[0].shape == (5, 3)
     np.testing.assert_array_equal(read[1], [[0, 1, 2], [0, 2, 3], [0, 1, 4]])
 
@@ -193,7 +191,6 @@ def test_stl_in_words_and_of_many_faces_is_read_as_binary_is(tmp_path: Path) -> 
     ):
         (tmp_path / "a.stl").write_bytes(content)
         read = read_mesh(tmp_path / "a.stl")
-        assert read is not None
         assert len(np.unique(read[0], axis=0)) == len(read[0])  # each vertex once
         np.testing.assert_allclose(read[0][read[1]], expected, atol=1e-8)
 

@@ -191,22 +191,6 @@ def test_joints_damping_and_friction_go_along(tmp_path: Path, elbow: ObjectModel
     assert (again.joints.stiffness[1], again.joints.armature[1]) == (0.0, 0.0)
 
 
-def test_a_mesh_file_s_inertia_stays_the_body_s(tmp_path: Path) -> None:
-    (tmp_path / "wedge.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
-    path = tmp_path / "wedge.xml"
-    path.write_text(
-        '<mujoco><asset><mesh name="w" file="wedge.obj" scale=".1 .1 .1"/></asset><worldbody><body name="a">'
-        '<freejoint/><geom type="mesh" mesh="w" mass="0.6"/></body></worldbody></mujoco>'
-    )
-    wedge = load_object(path)
-    assert wedge.mass[0] == pytest.approx(0.6)
-    np.testing.assert_allclose(wedge.com[0], 0.025, atol=1e-6)
-    assert sorted(map(tuple, wedge.corner_pos.round(6).tolist())) == [
-        (0.0, 0.0, 0.0), (0.0, 0.0, 0.1), (0.0, 0.1, 0.0), (0.1, 0.0, 0.0),
-    ]  # fmt: skip
-    np.testing.assert_array_equal(object_from_mjcf(wedge.mjcf).inertia, wedge.inertia)
-
-
 def scene(*bodies: str, after: str = "", assets: str = "") -> str:
     return f"<mujoco><asset>{assets}</asset><worldbody>{''.join(bodies)}</worldbody>{after}</mujoco>"
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from tests.models.made import tosses
+from tests.models.made import toss_of, tosses
 from tossid.errors import InputError
 from tossid.motion.links import body_tracks
 from tossid.objects import ObjectModel
@@ -25,16 +25,12 @@ from tossid.types import PoseTrack, Toss
 
 Array = NDArray[np.float64]
 
-
 WEDGE = 0.05 * np.array([[x, y, z] for x in (-1, 1) for y, z in ((-1, -0.6), (1, -0.6), (-1, 0.8))])
-
 
 OFFSET = np.array([0.02, -0.01, 0.03])
 """Where the wedge is in its body's frame."""
 
-
 TRUE = WEDGE + OFFSET
-
 
 WAYS = directions(1500)
 
@@ -49,11 +45,6 @@ def rolled(corners: Array, rng: np.random.Generator, *, tosses: int = 12, noise:
         q = np.column_stack([rng.uniform(-0.5, 0.5, (40, 2)), height, matrix_to_quat(R)])
         found.append(toss_of(f"{number}", q))
     return found
-
-
-def toss_of(name: str, q: Array) -> Toss:
-    n, zero = len(q), np.zeros((len(q), 6, 6))
-    return Toss(name, np.arange(n) / 100, q, np.zeros((n, 6)), zero, zero, np.zeros(n, dtype=np.uint8))
 
 
 def distance(one: Array, other: Array) -> Array:
@@ -145,7 +136,6 @@ def test_too_few_contacts_show_no_shape(wedge: list[Toss]) -> None:
 
 
 OFF = np.array([0.01, -0.02, 0.005])
-
 
 SHAPES = {
     "ellipsoid": (OFF[None], ellipsoid([0.06, 0.045, 0.035])),

@@ -16,7 +16,6 @@ H = 1 / 148
 HALF = 0.0524
 """Of the published cube's width [m]."""
 
-
 ARRAYS = ("t", "q", "v", "q_cov", "v_cov", "phase")
 """Of a toss."""
 

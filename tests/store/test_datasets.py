@@ -31,6 +31,7 @@ from tossid.store import (
     read_dataset,
     write_dataset,
 )
+from tossid.store.hdf5 import check_heaps
 from tossid.types import SPLITS, Phase, RecordingOrder, Session
 
 
@@ -56,7 +57,6 @@ def again(dataset: Dataset, folder: Path) -> Dataset:
 
 def test_splits_are_parts_with_their_truth(dataset: Dataset, path: Path) -> None:
     part = replace(dataset, truth=dataset).split("train")
-    assert part.truth is not None
     assert part.names == part.truth.names == tuple(toss.name for toss in dataset.tosses if toss.split == "train")
     assert (part.object, part.rate_hz, part.provenance) == (dataset.object, dataset.rate_hz, dataset.provenance)
     assert {toss.split for toss in dataset.of_split("validation", "train")} == {"validation", "train"}
@@ -238,8 +238,6 @@ def ordered(cube: ObjectModel) -> Dataset:
 
 def test_the_order_of_recording_survives_in_attributes(ordered: Dataset, tmp_path: Path) -> None:
     order, expected = again(ordered, tmp_path).order, ordered.order
-    assert order is not None
-    assert expected is not None
     for name in ("sessions", "ordered_by", "names", "quantities", "notes"):
         assert getattr(order, name) == getattr(expected, name)
     for name in ("values", "places", "turn", "shift", "session_of"):
@@ -249,7 +247,6 @@ def test_the_order_of_recording_survives_in_attributes(ordered: Dataset, tmp_pat
     assert first["level_deg"] == pytest.approx(np.rad2deg([0.04, -0.02]))
     assert (second["level_deg"], second["changed"]) == (None, {"fall": 0.002})
     with open_dataset(tmp_path / "again.h5", split="train") as part:
-        assert part.order is not None
         assert part.order.names == tuple(reversed(part.names))
     # older readers pass over attributes
     write_dataset(replace(ordered, order=None), tmp_path / "without.h5")
@@ -260,7 +257,6 @@ def test_the_order_of_recording_survives_in_attributes(ordered: Dataset, tmp_pat
     assert members[0] == members[1]
     assert read_dataset(tmp_path / "without.h5").order is None
     part = again(ordered.split("train"), tmp_path)
-    assert part.order is not None
     assert len(part.order.names) == len(part)
 
 
@@ -476,3 +472,53 @@ def test_what_breaks_the_schema_is_not_read(path: Path, change: Change, says: li
     with h5py.File(path, "r+") as file:
         change(file)
     refused(path, *says)
+
+
+# ---------------------------------------------------------------- endless heaps
+
+
+STRINGS = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=30).flatmap(
+    lambda text: st.sampled_from((text, text * 50, text * 400))
+)
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    rounds=st.lists(st.dictionaries(st.sampled_from("abcdefgh"), st.none() | STRINGS), min_size=1, max_size=4),
+    libver=st.sampled_from((None, ("v110", "v110"), "latest")),
+    user_block=st.sampled_from((0, 512)),
+)
+def test_heaps_that_hdf5_writes_and_edits_are_sound(
+    rounds: list[dict[str, str | None]], libver: str | None, user_block: int, tmp_path: Path
+) -> None:
+    path = tmp_path / "any.h5"
+    path.unlink(missing_ok=True)
+    for number, attributes in enumerate(rounds):
+        first = {} if number else {"userblock_size": user_block}
+        with h5py.File(path, "a", libver=libver, **first) as file:
+            for name, text in attributes.items():
+                if text is None:
+                    file.attrs.pop(name, None)
+                else:
+                    file.attrs[name] = text
+            file.require_dataset(f"x{number}", shape=(5,), dtype="f8")
+        check_heaps(path)
+
+
+def test_a_heap_that_does_not_end_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        file.attrs["one"], file.attrs["two"] = "first", "second"
+    whole = path.read_bytes()
+    at = whole.index(b"second") - 16
+    assert whole[at : at + 2] == b"\x02\0"
+    for index, length in ((0, 0), (0, 8), (2, 2**64 - 8), (2, 2**63), (0, 10**5)):
+        content = bytearray(whole)
+        content[at : at + 2] = index.to_bytes(2, "little")
+        content[at + 8 : at + 16] = length.to_bytes(8, "little")
+        path.write_bytes(content)
+        with pytest.raises(FileError, match="heap of strings at byte"):
+            check_heaps(path)
+    path.write_bytes(whole[: whole.index(b"GCOL") + 100])
+    with pytest.raises(FileError, match="does not hold together"):
+        check_heaps(path)

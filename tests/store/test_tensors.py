@@ -22,7 +22,6 @@ def test_contactnets_columns_and_units(cube_folder: Path) -> None:
     assert [track.name for track in tracks] == ["1", "2", "10"]
     for track in tracks:
         rows = torch.load(cube_folder / f"{track.name}.pt", weights_only=True).reshape(-1, 19).numpy()
-        assert track.v is not None
         np.testing.assert_allclose(track.q, np.concatenate([rows[:, :3] * HALF, rows[:, 3:7]], axis=1))
         np.testing.assert_allclose(track.v, np.concatenate([rows[:, 7:10] * HALF, rows[:, 10:13]], axis=1))
         np.testing.assert_allclose(np.diff(track.t), 1 / 148)
@@ -32,7 +31,6 @@ def test_contactnets_columns_and_units(cube_folder: Path) -> None:
 
 def test_pll_columns_and_joint(elbow_folder: Path, tmp_path: Path) -> None:
     for track in read_pll(elbow_folder, n_joints=1):
-        assert track.v is not None
         np.testing.assert_allclose(np.diff(track.q[:, :3], axis=0) * 148, track.v[1:, :3], atol=1e-9)
         turned = quat_boxminus(track.q[1:, 3:7], track.q[:-1, 3:7]) * 148
         np.testing.assert_allclose(turned, track.v[1:, 3:6], atol=1e-9)

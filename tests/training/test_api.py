@@ -112,7 +112,7 @@ def test_an_interrupted_training_goes_on_where_it_was(dataset: Dataset, optimize
     keys = {**QUICK, "model": "cnrpi", "optimizer": optimizer}
 
     def keep(epoch: Epoch) -> None:
-        if epoch.number in (3, 6):
+        if epoch.number in ((3, 6) if optimizer == "lbfgs" else (3,)):
             states.append(epoch.state())
 
     whole = tossid.train(dataset, each_epoch=keep, progress=lambda text, share: shares.append(share), **keys)

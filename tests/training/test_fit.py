@@ -22,10 +22,10 @@ COM = np.array([[1e-3, -2e-3, 6e-3]])
 def test_inertia_and_contact_law_come_back_from_rollouts(cube: ObjectModel) -> None:
     law = {"compliance": 1 / 30e3, "relaxation": 3.28e-3, "cohesion": 0.05}
     truth = cube.with_changes(com=COM, inertia=1.4 * cube.inertia, **law)
-    made = tosses(truth, 40, seed=3, substeps=ModelSettings.substeps)
+    made = tosses(truth, 28, seed=3, substeps=ModelSettings.substeps)
     settings = ModelSettings(learn_geometry=False, learn_inertia=True, learn_contact_law=True, implicit=False)
     model = ContactNets(cube.with_changes(friction=0.25), settings)
-    records = list(Fit(model, made[:30], made[30:]).epochs())
+    records = list(Fit(model, made[:21], made[21:]).epochs())
     learned = model.learned_object()
     assert records[-1].validation_loss < 1e-3  # a twentieth of a nearly rigid start's
     assert learned.friction == pytest.approx(truth.friction, rel=0.02)
@@ -54,10 +54,10 @@ def test_the_inertia_of_links_comes_back_from_stretches(elbow: ObjectModel) -> N
 
 def test_contact_stays_rigid_where_a_softer_one_explains_little(cube: ObjectModel) -> None:
     """What a soft contact would gain at a wrong inertia is the inertia's."""
-    made = tosses(cube.with_changes(com=COM), 40, seed=3, substeps=ModelSettings.substeps)
+    made = tosses(cube.with_changes(com=COM), 28, seed=3, substeps=ModelSettings.substeps)
     settings = ModelSettings(learn_geometry=False, learn_inertia=True, learn_contact_law=True, implicit=False)
     model = ContactNets(cube.with_changes(inertia=1.08 * cube.inertia), settings)
-    list(Fit(model, made[:30], made[30:]).epochs())
+    list(Fit(model, made[:21], made[21:]).epochs())
     learned = model.learned_object()
     assert learned.compliance < 1e-7
     assert learned.cohesion < 2e-3
@@ -69,7 +69,7 @@ def test_short_lengths_and_late_velocities_do_not_spoil_what_is_learned(cube: Ob
     truth = cube.with_changes(com=COM)
     lag, scale = 0.5 / 148, 0.95
     recorded = []
-    for toss in tosses(truth, 18, seed=3, substeps=ModelSettings.substeps):
+    for toss in tosses(truth, 14, seed=3, substeps=ModelSettings.substeps):
         q, v = toss.q.copy(), toss.v.copy()
         v[:, 2] += 9.81 * lag
         q[:, :3] *= scale
@@ -77,7 +77,7 @@ def test_short_lengths_and_late_velocities_do_not_spoil_what_is_learned(cube: Ob
         recorded.append(replace(toss, q=q, v=v))
     settings = ModelSettings(gravity=0.0, learn_geometry=False, learn_inertia=True, learn_k_res=True)
     model = ContactNets(cube, settings, measurement=MeasurementModel(scale, lag))
-    fit = Fit(model, recorded[:13], recorded[13:], TrainSettings(epochs=12))
+    fit = Fit(model, recorded[:10], recorded[10:], TrainSettings(epochs=12))
     list(fit.epochs())
     assert model.flight_gravity(fit.transitions[0]) == pytest.approx(9.81, rel=0.01)
     assert np.abs(model.learned_object().com - COM).max() < 1e-3

@@ -86,7 +86,7 @@ def solid(elbow: ObjectModel) -> ObjectModel:
 @pytest.fixture(scope="module")
 def linked(solid: ObjectModel) -> Dataset:
     """Its tosses, in a dataset that states no more than the hinge."""
-    made = draw_splits(tuple(tosses(solid, 30, seed=3, frames=80)), fractions=(0.6, 0.3, 0.1), seed=0)
+    made = draw_splits(tuple(tosses(solid, 24, seed=3, frames=80)), fractions=(0.6, 0.3, 0.1), seed=0)
     return Dataset(unstated_object(hinge=hinge_of(solid)), made, 148.0, "synthetic", {})
 
 
@@ -114,9 +114,9 @@ def test_two_links_are_those_of_the_elbow(linked: Dataset, solid: ObjectModel, t
 def test_a_body_frame_that_jumps_between_tosses_is_refused(dataset: Dataset) -> None:
     """By 12 mm along x: of what both positions share, some faces hover 12 mm above the ground at rest."""
     tracks = []
-    for i, toss in enumerate(tosses(dataset.truth.object, 16, seed=5, frames=200)):
+    for i, toss in enumerate(tosses(dataset.truth.object, 12, seed=5, frames=180)):
         q = toss.q.copy()
-        q[:, :3] += (i > 7) * quat_rotate(q[:, 3:7], np.array([0.012, 0.0, 0.0]))
+        q[:, :3] += (i > 5) * quat_rotate(q[:, 3:7], np.array([0.012, 0.0, 0.0]))
         tracks.append(PoseTrack(toss.name, toss.t, q))
     with pytest.raises(InputError, match=r"tosses end up to 1[12] mm above or below it.*frame jumps"):
         unknown_object(tosses_from_tracks(tracks, unstated_object()))

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from tests.models.made import toss_of
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_exp
 from tossid.types import Phase, Rollout, Toss
@@ -19,8 +22,7 @@ def toss_and_rollout(model: ObjectModel) -> tuple[Toss, Rollout]:
     q[:, 2] = np.maximum(0.3 - 4.9 * (t - t[0]) ** 2, 0.0524)
     phase = np.where(np.arange(n) < 33, Phase.FLIGHT, Phase.SLIDE).astype(np.uint8)
     phase[33] = Phase.IMPACT
-    cov = np.tile(np.eye(model.nv) * 1e-6, (n, 1, 1))
-    toss = Toss("swift", t, q, np.zeros((n, model.nv)), cov, cov, phase)
+    toss = replace(toss_of("swift", q, cov=1e-6, phase=phase), t=t)
     ahead = q.copy()
     ahead[:, 1] += 0.010
     ahead[:, 3:7] = quat_exp(np.array([0, 0, np.deg2rad(20)]))
