@@ -1,4 +1,4 @@
-"""Worlds in MuJoCo against theory and against the same worlds in our own engine."""
+"""Worlds in MuJoCo against theory and against our engine, and edits of an MJCF model."""
 
 from __future__ import annotations
 
@@ -9,18 +9,17 @@ import mujoco
 import numpy as np
 import pytest
 
-from tossid.errors import DivergedError, InputError, MotionError
+from tests.models.made import DT, thrown
+from tossid.errors import DivergedError, InputError, MotionError, ObjectError
 from tossid.objects import OBJECT_FILES, ObjectModel, corner_positions, load_object, to_mjcf
 from tossid.physics import simulate
 from tossid.physics.effects import LIBRARY, Forces, Law, RecordingErrors, World
 from tossid.physics.effects.in_mujoco import inexpressible, toss_in_mujoco
+from tossid.physics.effects.mjcf_edit import Edit
+from tossid.physics.effects.mujoco_contact import SOFT_IMPEDANCE, bouncing_solref, damping_ratio, soft_contact
 from tossid.rotations import quat_exp
 
-DT = 1 / 148
-
-
 HALF = 0.0524
-
 
 FLAT = np.array([[0, 0, HALF, 1, 0, 0, 0.0]])
 
@@ -150,19 +149,8 @@ def test_default_contact_sinks_in(cube: ObjectModel) -> None:
         toss_in_mujoco(World(cube.with_changes(restitution=0.3)), q, v, 2, 1 / 592, soft=True)
 
 
-def thrown_low(model: ObjectModel, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    rng = np.random.default_rng(seed)
-    q, v = np.zeros((count, model.nq)), np.zeros((count, model.nv))
-    q[:, 3:7] = rng.normal(size=(count, 4))
-    q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
-    q[:, 7:] = rng.uniform(-1.5, 1.5, size=(count, model.n_joints))
-    q[:, 2] = rng.uniform(0.1, 0.3, count) - corner_positions(model, q)[..., 2].min(axis=1)
-    v[:, :3], v[:, 3:6] = rng.normal(size=(count, 3)) * [0.7, 0.7, 0.5], rng.normal(size=(count, 3)) * 5
-    return q, v
-
-
 def test_landing_neither_sinks_in_nor_bounces(cube: ObjectModel) -> None:
-    q0, v0 = thrown_low(cube, 6, 1)
+    q0, v0 = thrown(np.random.default_rng(1), 6)
     q, v = toss_in_mujoco(World(cube), q0, v0, 222, DT)
     lowest = corner_positions(cube, q)[..., 2].min(axis=-1)
     assert lowest.min() > -1e-4
@@ -176,7 +164,7 @@ def test_landing_neither_sinks_in_nor_bounces(cube: ObjectModel) -> None:
 
 def test_the_elbow_lands_and_threads_and_chunks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     elbow = load_object(OBJECT_FILES / "elbow.xml", friction=0.3)
-    q0, v0 = thrown_low(elbow, 4, 2)
+    q0, v0 = thrown(np.random.default_rng(2), 4, 1)
     q, v = toss_in_mujoco(World(elbow), q0, v0, 60, DT, substeps=40)
     assert q.shape == (4, 61, 8)
     assert v.shape == (4, 61, 7)
@@ -191,7 +179,7 @@ def test_what_diverges_or_is_no_start_is_told(
     cube: ObjectModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    q0, v0 = thrown_low(cube, 2, 3)
+    q0, v0 = thrown(np.random.default_rng(3), 2)
     fast = v0.copy()
     fast[1, 3:] = 1e11
     with pytest.raises(DivergedError, match="toss 1") as error:
@@ -206,3 +194,71 @@ def test_what_diverges_or_is_no_start_is_told(
         toss_in_mujoco(World(cube), q0[:, :6], v0, 10, DT)
     with pytest.raises(InputError, match="positive"):
         toss_in_mujoco(World(cube), q0, v0, 10, DT, substeps=0)
+
+
+# ---------------------------------------------------------------- contact in MuJoCo's numbers, and edits
+
+
+def test_the_damping_ratio_of_no_bounce_and_of_all() -> None:
+    assert damping_ratio(0.999) < 1e-3
+    assert damping_ratio(np.exp(-2.0)) == pytest.approx(1.0)  # critical damping
+    assert damping_ratio(0.02) > 2.0
+
+
+@pytest.mark.parametrize("e", [0.1, 0.5, 0.9])
+def test_a_bouncing_contact_leaves_with_its_share_of_the_speed(e: float) -> None:
+    """The oscillator x'' = -k x - d x' from x = 0, until its force would become a pull."""
+    k, d = (-number for number in bouncing_solref(e, 1e-3))
+    x, v, h = 0.0, -1.0, 1e-6
+    while -k * x - d * v > 0:
+        v += h * (-k * x - d * v)
+        x += h * v
+    assert v == pytest.approx(e, abs=5e-3)
+    assert np.sqrt(k) * 1e-3 <= 0.5  # the time step resolves it
+
+
+def test_a_yielding_contact_has_its_stiffness_damping_and_added_mass(cube: ObjectModel) -> None:
+    inverse, stiffness, relaxation = 5.0, 2e4, 3e-3
+    body = cube.with_changes(compliance=1 / stiffness, relaxation=relaxation)
+    plain, held = (soft_contact(World(body, law=Law(added_mass=mass)), inverse) for mass in (0.0, 0.8))
+    assert plain.impedance == SOFT_IMPEDANCE
+    assert held.impedance / (1 - held.impedance) == pytest.approx(0.8 * inverse)
+    for soft in (plain, held):
+        D, R = soft.impedance, (1 - soft.impedance) / soft.impedance * inverse
+        K, B = -soft.solref[0] / D**2, -soft.solref[1] / D  # as MuJoCo scales them
+        assert pytest.approx(stiffness) == K * D / R
+        assert pytest.approx(relaxation * stiffness) == B / R
+
+
+LINKS = """<mujoco>
+  <worldbody>
+    <geom name="floor" type="plane" size="1 1 .1"/>
+    <geom name="wall" type="box" size="1 1 1" contype="0" conaffinity="0"/>
+    <body name="a"><freejoint/><geom name="own" size=".1" mass="1"/>
+      <body><joint name="hinge" type="hinge"/><geom size=".05" mass="1"/></body>
+    </body>
+  </worldbody>
+</mujoco>"""
+
+
+def test_an_edit_is_made_and_recorded_of_what_collides_and_turns() -> None:
+    made = Edit(mujoco.MjSpec.from_string(LINKS), effect="friction")
+    assert [geom.name for geom in made.grounds] == ["floor"]
+    assert (len(made.own), [joint.name for joint in made.joints], made.body.name) == (2, ["hinge"], "a")
+    made.set(made.spec.option, "timestep", made.spec.option.timestep, "option")  # what stays is no change
+    made.set(made.own[0], "friction", [0.4, 0.005, 0.0001], "geom 'own'", exact=False, note="a note")
+    (change,) = made.changes
+    assert change.as_json() == {
+        "effect": "friction",
+        "where": "geom 'own'",
+        "attribute": "friction",
+        "before": "1 0.005 0.0001",
+        "after": "0.4 0.005 0.0001",
+        "exact": False,
+        "note": "a note",
+    }
+    compiled = made.compiled()
+    assert compiled.geom_friction[compiled.geom("own").id, 0] == 0.4
+    made.own[0].size = [-1.0, 0.0, 0.0]
+    with pytest.raises(ObjectError, match="cannot compile the patched model"):
+        made.compiled()

@@ -77,7 +77,6 @@ def test_what_comes_down_slowly_is_no_impact(cube: ObjectModel) -> None:
 LEAN = np.array([0.3, 0.5, 0.2])
 """A rotation vector after which one corner is lowest."""
 
-
 SPEED = np.array([0.8, 0.3, -1.2, 2.0, -3.0, 4.0])
 
 

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.models.made import DT, thrown
 from tests.physics.effects.toy import registered
-from tests.physics.trees import flying, jointed
+from tests.physics.trees import jointed
 from tossid import code_digest as digests
 from tossid.audit.strengths import strengths_for
 from tossid.code_digest import code_digest
@@ -61,17 +62,16 @@ def test_a_force_may_grow_with_another_power(cube: ObjectModel) -> None:
         effect_named("friction's power")
 
 
-@pytest.mark.parametrize("name", [effect.name for effect in LIBRARY if not effect.near_nothing])
-def test_an_effect_at_its_nominal_values_changes_nothing(cube: ObjectModel, name: str) -> None:
-    world = World(cube)
-    effect = effect_named(name)
-    same = effect.at(world, effect.nominal(world))
-    rng = np.random.default_rng(0)
-    q = np.concatenate([rng.uniform([-0.1, -0.1, 0.1], [0.1, 0.1, 0.2], (20, 3)), rng.normal(size=(20, 4))], axis=1)
-    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
-    v = rng.normal(size=(20, 6)) * [1, 1, 1, 5, 5, 5]
-    nominal = world.roll_out(q, v, n_steps=60, dt=1 / 148, substeps=2)
-    np.testing.assert_array_equal(same.roll_out(q, v, n_steps=60, dt=1 / 148, substeps=2), nominal)
+@pytest.mark.parametrize("effect", BUILT_IN, ids=lambda effect: effect.name)
+def test_an_effect_at_its_nominal_values_changes_nothing(cube: ObjectModel, elbow: ObjectModel, effect: Effect) -> None:
+    if effect.near_nothing and effect not in JOINT_EFFECTS:
+        return
+    world = World(jointed(elbow, damping=1e-3) if effect in JOINT_EFFECTS else cube)
+    q, v = thrown(np.random.default_rng(0), 20, world.object.n_joints)
+    nominal, same = (
+        each.roll_out(q, v, n_steps=60, dt=DT, substeps=2) for each in (world, effect.at(world, effect.nominal(world)))
+    )
+    np.testing.assert_array_equal(same, nominal)
 
 
 def test_names_are_unique_and_effects_refer_to_each_other_by_them() -> None:
@@ -94,6 +94,8 @@ def test_objects_with_joints_have_more_effects(cube: ObjectModel, elbow: ObjectM
     of_links = effects_for(elbow)
     assert [effect.name for effect in of_links] == [effect.name for effect in (*LIBRARY, *JOINT_EFFECTS)]
     assert len(next(effect for effect in of_links if effect.name == "inertia").parameters) == 3
+    with pytest.raises(ObjectError, match="damping of a joint is -1"):
+        jointed(elbow, damping=-1.0)
 
 
 def test_a_registered_effect_is_in_the_library_and_in_digests(
@@ -137,13 +139,3 @@ def test_an_effect_without_a_form_or_the_reason_is_refused(field: str) -> None:
         NotExpressible(" ")
     with pytest.raises(InputError, match="which worlds have it"):
         replace(FRICTION, mujoco=NotExpressible("MuJoCo has no friction"))
-
-
-def test_effects_of_joints_are_nothing_at_their_nominal_values(elbow: ObjectModel) -> None:
-    world, (q, v) = World(jointed(elbow, damping=1e-3)), flying(elbow)
-    nominal = world.roll_out(q, v, n_steps=10, dt=1 / 148, substeps=2)
-    for effect in JOINT_EFFECTS:
-        same = effect.at(world, effect.nominal(world))
-        np.testing.assert_array_equal(same.roll_out(q, v, n_steps=10, dt=1 / 148, substeps=2), nominal)
-    with pytest.raises(ObjectError, match="damping of a joint is -1"):
-        jointed(elbow, damping=-1.0)
