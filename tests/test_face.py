@@ -23,8 +23,9 @@ def test_importing_it_is_quick_and_imports_nothing_heavy():
     assert float(took) < 0.3
 
 
-def test_a_diagnosis_imports_no_torch():
-    assert fresh("import sys, tossid.diagnosis.diagnose; print('torch' in sys.modules)") == "False"
+def test_a_diagnosis_imports_no_torch_and_figures_no_pyplot():
+    code = "import sys, tossid.diagnosis.diagnose; found = ['torch' in sys.modules]; import tossid.evaluation.figures;"
+    assert fresh(f"{code} print(*found, 'matplotlib.pyplot' in sys.modules)") == "False False"
 
 
 def test_every_name_is_where_the_face_says() -> None:

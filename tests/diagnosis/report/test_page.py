@@ -63,9 +63,14 @@ def test_the_page_says_what_was_read(name: str) -> None:
     )
 
 
-def test_the_page_is_whole_and_asks_nothing_of_the_network(cube: ObjectModel) -> None:
+@pytest.fixture(scope="module")
+def pictures(cube: ObjectModel) -> dict[str, bytes]:
+    return report_pngs(with_place(cube))
+
+
+def test_the_page_is_whole_and_asks_nothing_of_the_network(cube: ObjectModel, pictures: dict[str, bytes]) -> None:
     found = replace(with_place(cube), tosses_of="a & b <c>")
-    text = report_html(found, report_pngs(found))
+    text = report_html(found, pictures)
     assert not re.search(r"https?://|<script|<link|@import|url\(", text)
     shown = [each for each in REPORT_FIGURES.values() if each.applies(found)]
     assert [each.name for each in shown] == ["gap_tosses", "gap_where", "gap_when", "gap_wrench", "gap_corners"]
@@ -97,14 +102,10 @@ NAN, INF, DEGREE = float("nan"), float("inf"), math.pi / 180
 @pytest.mark.parametrize(
     ("found", "text"),
     [
-        (quantity("x_m", 0.0015), "1.5 mm"),
-        (quantity("g_ms2", 9.81), "9.81 m/s²"),
-        (quantity("mu", 0.18), "0.18"),
         (quantity("stiffness_npm", 33000.0), "33\u202f000 N/m"),
         (quantity("delay_s", 0.003), "3 ms"),
         (quantity("x_m", -3.6e-15), "0 mm"),  # what rounding leaves of zero
         (in_units("y_rad", Interval(DEGREE, DEGREE / 2, 1.5 * DEGREE)), "1.0 deg (0.5 to 1.5)"),
-        (in_units("mu", Interval(0.29867, 0.29698, 0.30036)), "0.2987 (0.2970 to 0.3004)"),
         (in_units("e", Interval(0.25, 0.2, 0.3), level="95 %: "), "0.25 (95 %: 0.20 to 0.30)"),
         (short(-3.6e-15), "0"),
         (short(NAN), "unknown"),
@@ -112,20 +113,15 @@ NAN, INF, DEGREE = float("nan"), float("inf"), math.pi / 180
         (percent(-0.001), "0 %"),
         (percent(INF), "unknown"),
         (span(Interval(-3.6e-15, -0.1, 0.1)), "0.00 (−0.10 to 0.10)"),
-        (span(Interval(0.3, 0.25, 0.35), "N"), "0.30 N (0.25 to 0.35)"),
         (span(Interval(7.1, 7.1 - 1e-12, 7.1)), "7.10"),
         (span(Interval(7.1, -INF, INF)), "7.10"),
         (percent_span(Interval(0.0, 0.0, 0.0)), "0 %"),
-        (percent_span(Interval(0.7, 0.65, 0.75)), "70 % (65 % to 75 %)"),
         (percent_span(Interval(1.2, 0.9, 1.4)), "100 % (90 % to 100 %)"),  # no more than all of it is closed
-        (parameter("static_mu"), "static mu"),
         (parameter("x_m"), "x"),
         (size_of_change("scale_rel", 0.031), "3.1 %"),
-        (size_of_change("x_m", 0.001), "1.0 mm"),
         (place_of((0.0524, -0.0524, 0.0)), "(+52, −52, 0) mm"),
         (state_words("joint_1_rate"), ("joint 1's rate", "rad/s")),
         (state_words("joint_1"), ("joint 1's angle", "rad")),
-        (state_words("horizontal_speed"), ("horizontal speed", "m/s")),
         (wrench_words("torque_joint_1"), "torque in joint 1"),
         (times_likelier(math.sqrt(2 * math.log(50.0))), "50 times"),
         (times_likelier(12.3), "more than a million times"),
@@ -216,10 +212,8 @@ def test_a_saved_report_is_whole(cube: ObjectModel, tmp_path: Path) -> None:
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
-
 in_browser = pytest.mark.skipif(CHROMIUM is None, reason="no chromium is installed to open the page in")
 WIDTHS, HEIGHT = (1280, 800, 400), 800
-
 
 MEASURE = """
 <script>
@@ -248,13 +242,12 @@ onload = () => {
 
 
 @pytest.fixture(scope="module")
-def page(cube: ObjectModel) -> str:
+def page(cube: ObjectModel, pictures: dict[str, bytes]) -> str:
     found = with_film(replace(with_place(cube), patch={**PATCH, "mjcf": "<mujoco>\n" + 60 * "  <a/>\n"}), a_slide())
-    return report_html(found, report_pngs(found))
+    return report_html(found, pictures)
 
 
 def chromium(folder: Path, *options: str) -> str:
-    assert CHROMIUM is not None
     plain = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", f"--user-data-dir={folder / 'own'}"]
     run = subprocess.run([CHROMIUM, *plain, *options], capture_output=True, text=True, timeout=240, check=True)
     return run.stdout
@@ -269,7 +262,6 @@ def measured(page: str, tmp_path: Path) -> list[dict[str, Any]]:
     harness.write_text(f"<!doctype html><meta charset=utf-8>{MEASURE}{frames}", encoding="utf-8")
     dom = chromium(tmp_path, "--dump-dom", harness.as_uri())
     title = re.search(r"<title>(.*?)</title>", dom, re.DOTALL)
-    assert title is not None
     found: list[dict[str, Any]] = json.loads(unescape(title[1]))
     return found
 

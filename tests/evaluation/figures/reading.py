@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
@@ -33,15 +32,44 @@ def line(ax: Axes, label: str) -> Line2D:
     return one
 
 
-def bars(ax: Axes, label: str) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper ends (n,) of the named series' vertical error bars."""
-    (one,) = [c for c in ax.containers if isinstance(c, ErrorbarContainer) and c.get_label() == label]
-    segments = np.array(one.lines[2][0].get_segments())
-    return segments[:, 0, 1], segments[:, 1, 1]
-
-
 def words(figure: Figure) -> str:
     return "\n".join(text.get_text() for text in figure.findobj(Text))
+
+
+def described(figure: Figure) -> str:
+    """What is drawn, panel by panel, a line for each axis, line, patch, collection and text, to four digits."""
+    found = [text.get_text() for text in figure.texts]
+    for number, ax in enumerate(figure.axes):
+        limits = f"x {_digits(ax.get_xlim())}, y {_digits(ax.get_ylim())}"
+        found += [
+            f"== {number}: {ax.get_title(loc='left') or ax.get_title()}",
+            f"{ax.get_xscale()} {ax.get_yscale()} {limits}",
+        ]
+        found += [f"axes: {ax.get_xlabel()}; {ax.get_ylabel()}"] if ax.axison else []
+        drawn = [line for line in ax.lines if line.get_label() != "_leader"]  # which lead to where a label has room
+        found += [f"line {x.get_label()}: x {_digits(x.get_xdata())}; y {_digits(x.get_ydata())}" for x in drawn]
+        for each in ax.patches:
+            corners = each.get_patch_transform().transform(each.get_path().vertices)
+            found.append(f"patch {each.get_label()} {each.get_hatch()}: {_digits(corners)}")
+        for each in ax.collections:
+            paths = [path.vertices for path in each.get_paths()]
+            corners, places = np.vstack([np.zeros((0, 2)), *paths]), each.get_offsets()
+            values = [] if each.get_array() is None else each.get_array()
+            found.append(f"collection {each.get_label()}: {len(paths)} paths {_digits(corners)} at {_digits(places)}")
+            found[-1] += f" of {_digits(values)}" if len(values) else ""
+        found += [f"text: {text.get_text()}" for text in ax.texts]
+    return "\n".join(line.rstrip() for line in found) + "\n"
+
+
+def _digits(x: object) -> str:
+    """Few numbers to four digits, of many their count, ends, least, largest, mean and mean step."""
+    numbers = np.ma.filled(np.ma.asarray(x, dtype=float), np.nan).ravel()
+    n, finite = len(numbers), numbers[np.isfinite(numbers)]
+    if n > 16:
+        step = np.abs(np.diff(finite)).mean()
+        numbers = np.array([*numbers[[0, -1]], finite.min(), finite.max(), finite.mean(), step])
+    exact = np.round(numbers, 9) + 0.0  # no rounding of zero, and no sign of it
+    return (f"{n}: " if n > 16 else "") + " ".join(f"{each:.4g}" for each in exact)
 
 
 def boxes(figure: Figure) -> Iterator[tuple[str, Bbox]]:

@@ -1,4 +1,4 @@
-"""Learned geometry is drawn with the shifts and the factor that it states; films show what is predicted."""
+"""Wireframes, films, and errors that are lined up along rollouts with a band of their mean."""
 
 from __future__ import annotations
 
@@ -7,18 +7,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.collections import LineCollection
 from PIL import Image
+from scipy.stats import norm
 
-from tests.evaluation.figures.reading import assert_legible, line, titled, words
+from tests.evaluation.figures.motions import toss_and_rollout
+from tests.models.made import toss_of
 from tossid.errors import InputError
-from tossid.evaluation.figures import films, geometry_at_angles, hull_film, learned_geometry, save_film, toss_film
+from tossid.evaluation.figures import (
+    errors_along,
+    films,
+    hull_film,
+    save_film,
+    toss_film,
+)
 from tossid.evaluation.figures.films import rgb
 from tossid.evaluation.figures.geometry import UNSEEN, exaggeration
 from tossid.evaluation.figures.style import MUTED
+from tossid.evaluation.figures.tosses import mean_band
 from tossid.evaluation.figures.wireframe import view_from, wireframe
+from tossid.motion import frames_in_flight
 from tossid.objects import ObjectModel, corner_positions
-from tossid.types import Toss
+from tossid.types import Rollout
 
 
 def test_a_cube_has_twelve_edges_and_nine_are_seen_from_a_view_that_keeps_up_and_right(cube: ObjectModel) -> None:
@@ -32,62 +41,12 @@ def test_a_cube_has_twelve_edges_and_nine_are_seen_from_a_view_that_keeps_up_and
     np.testing.assert_allclose(front.toward, [0, -1, 0], atol=1e-12)
 
 
-def test_shifts_and_ways_of_corners_are_drawn_at_a_round_factor(cube: ObjectModel) -> None:
-    shift, step = np.zeros((8, 3)), np.array([1e-3, 0, 0])
-    shift[0] = step
-    learned = cube.with_changes(corner_pos=cube.corner_pos + shift, com=cube.com + np.array([0, 0, 0.5e-3]))
-    stages = [cube.corner_pos + 2 * step, cube.corner_pos + step, learned.corner_pos]
-    figure = learned_geometry(cube, learned, stages=stages)
-    above, front = titled(figure, "from above"), titled(figure, "from the front")
-    moved = np.column_stack(line(above, "learned corners").get_data()) - 1e3 * cube.corner_pos[:, :2]
-    np.testing.assert_allclose(moved, 5e3 * shift[:, :2], atol=1e-9)
-    assert line(front, "learned com").get_ydata()[0] == pytest.approx(2.5 + 1e3 * cube.com[0, 2])
-    assert line(front, "given com").get_ydata()[0] == pytest.approx(1e3 * cube.com[0, 2])
-    assert "drawn 5 times" in words(figure)
-    assert "at most 1.0 mm; centre of mass 0.50 mm" in words(figure)
-    began = np.column_stack(line(above, "start").get_data())
-    np.testing.assert_allclose(began, 1e3 * cube.corner_pos[:, :2] + [10, 0], atol=1e-9)
-    (paths,) = [c for c in above.collections if c.get_label() == "path"]
-    assert isinstance(paths, LineCollection)
-    np.testing.assert_allclose(np.asarray(paths.get_segments()[1]) - began[1], [[0, 0], [-5, 0], [-10, 0]], atol=1e-9)
-    assert_legible(figure)
-
-
-def test_each_angle_shows_both_objects_and_what_touched(elbow: ObjectModel) -> None:
-    learned = elbow.with_changes(corner_pos=elbow.corner_pos + np.array([0.001, 0, 0]))
-    seen = np.arange(16) != 5
-    figure = geometry_at_angles(elbow, learned, seen=seen)
-    assert [ax.get_title(loc="left") for ax in figure.axes[:3]] == ["-115°", "-57°", "0°"]
-    for ax in figure.axes[:3]:
-        drawn = {"touched": 0, "unseen": 0}
-        for one in ax.lines:
-            drawn[str(one.get_label())] += len(one.get_xdata())
-        assert drawn == {"touched": 15, "unseen": 1}
-    assert "15 of 16 corners touched the ground: at most 1" in words(figure)
-    with pytest.raises(InputError):
-        geometry_at_angles(elbow, learned, seen=seen[:4])
-
-
-def test_the_factor_is_round_and_a_link_has_a_row_beside_its_truth(cube: ObjectModel, elbow: ObjectModel) -> None:
+def test_the_factor_is_round(cube: ObjectModel) -> None:
     for size, factor in ((1e-3, 10.0), (1e-5, 100.0), (30e-3, 1.0), (0.0, 1.0)):
         assert exaggeration(cube, cube.with_changes(corner_pos=cube.corner_pos + np.array([size, 0, 0]))) == factor
-    rng = np.random.default_rng(0)
-    learned = elbow.with_changes(corner_pos=elbow.corner_pos + 1e-3 * rng.normal(size=elbow.corner_pos.shape))
-    figure = learned_geometry(elbow, learned, truth=elbow)
-    assert len(figure.axes) == 4 * elbow.n_bodies
-    for ax in figure.axes:
-        drawn = {c.get_label(): len(c.get_segments()) for c in ax.collections if isinstance(c, LineCollection)}
-        assert drawn == {"given": 12, "truth": 12, "learned": 12}
-    assert_legible(figure)
 
 
 # ---------------------------------------------------------------- films
-
-
-def toss_of(name: str, q: np.ndarray) -> Toss:
-    n, nv = len(q), q.shape[1] - 1
-    cov, phase = np.tile(1e-6 * np.eye(nv), (n, 1, 1)), np.zeros(n, dtype=np.uint8)
-    return Toss(name, np.arange(n) / 148, q, np.zeros((n, nv)), cov, cov, phase)
 
 
 def test_a_film_s_predicted_object_is_where_it_is_predicted(elbow: ObjectModel) -> None:
@@ -128,3 +87,29 @@ def test_tosses_cut_the_space_down_to_the_object(
         assert (written.n_frames, written.size) == (len(film), (480, 360))
     with pytest.raises(InputError, match="one rigid body"):
         hull_film(tosses[:1], elbow)
+
+
+# ---------------------------------------------------------------- along rollouts
+
+
+def test_errors_are_lined_up_at_first_contact(cube: ObjectModel) -> None:
+    toss, run = toss_and_rollout(cube)
+    later = toss.frames(slice(9, None))
+    short = Rollout(run.t[9:], run.q[9:], run.v[9:], run.lam_n[9:])
+    along = errors_along([toss, later], [run, short], cube)
+    assert along.position_error_pct.shape == (2, len(toss))
+    first = frames_in_flight([toss], cube)[0]
+    np.testing.assert_allclose(along.time, toss.t - toss.t[first], atol=1e-9)
+    np.testing.assert_allclose(along.position_error_pct[0], 100 * 0.010 / 0.1048)
+    np.testing.assert_allclose(along.rotation_error_deg[0], 20)
+    assert np.isnan(along.position_error_pct[1, :8]).all()
+    np.testing.assert_allclose(along.position_error_pct[1, 9:], 100 * 0.010 / 0.1048)
+
+
+def test_the_band_covers_the_true_mean_95_times_in_100() -> None:
+    values = norm.rvs(size=(12, 4000), random_state=np.random.default_rng(0))
+    _, low, high = mean_band(values)
+    assert np.mean((low < 0) & (high > 0)) == pytest.approx(0.95, abs=0.012)
+    values[:, 0] = np.nan
+    values[3, 0] = 1.0
+    assert np.isnan(mean_band(values)[0][0]), "one toss has no interval"
