@@ -131,8 +131,6 @@ def with_place(model: ObjectModel) -> Diagnosis:
     value[:, 3] -= 0.3 * states[:, STATES.index("horizontal_speed")]
     flight = relate("flight", value, variance, states, toss, np.random.default_rng(1))
     contact = relate("contact", rng.normal(size=value.shape), variance, states, toss, np.random.default_rng(1))
-    assert flight is not None
-    assert contact is not None
     shares = np.array([0.5, *np.full(7, 0.5 / 7)])
     both = [
         tuple(

@@ -35,9 +35,7 @@ def flights(cube: ObjectModel) -> list[Toss]:
 def found_in(
     cube: ObjectModel, flights: list[Toss], k_res: LearnedAcceleration, gravity: float = 9.81
 ) -> LearnedForces:
-    found = learned_forces(World(cube, gravity=gravity, k_res=k_res), flights, effects_for(cube))
-    assert found is not None
-    return found
+    return learned_forces(World(cube, gravity=gravity, k_res=k_res), flights, effects_for(cube))
 
 
 NO = np.zeros((3, 3))

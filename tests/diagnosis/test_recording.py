@@ -9,7 +9,7 @@ import pytest
 
 from tests.diagnosis.by_hand import EFFECTS
 from tests.diagnosis.tossed import seen, with_effect
-from tests.models.made import DT, thrown
+from tests.models.made import DT, thrown, toss_of
 from tossid.diagnosis.correction import CORRECTABLE, corrected
 from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.diagnosis.localisation.noise import noise_floor, still_channels
@@ -37,10 +37,9 @@ def as_recorded(world: World) -> list[Toss]:
     frames = 12
     start = world.recorded(q, v)
     run = world.roll_out(*start, n_steps=frames, dt=DT, substeps=4)
-    cov = np.tile(np.diag(np.arange(1.0, model.nv + 1)) * 1e-8, (frames + 1, 1, 1))
-    speeds = np.tile(start[1][:, None], (1, frames + 1, 1))
-    t, phase = np.arange(frames + 1, dtype=np.float64) * DT, np.zeros(frames + 1, np.uint8)
-    return [Toss(str(i), t, run[i], speeds[i], cov, cov, phase, "", run[i], cov) for i in range(3)]
+    speeds, cov = np.tile(start[1][:, None], (1, frames + 1, 1)), np.diag(np.arange(1.0, model.nv + 1)) * 1e-8
+    made = (toss_of(str(i), run[i], speeds[i], cov=cov) for i in range(3))
+    return [replace(toss, q_measured=toss.q, q_measured_cov=toss.q_cov) for toss in made]
 
 
 @pytest.mark.parametrize("name", CORRECTABLE)
@@ -79,9 +78,7 @@ def planar(cube: ObjectModel, axis: int, count: int = 8) -> list[Toss]:
     q[:, 2], q[:, 3], q[:, 4 + axis] = rng.uniform(0.2, 0.3, count), np.cos(angle / 2), np.sin(angle / 2)
     v[:, other], v[:, 3 + axis] = rng.uniform(-1, 1, count), rng.uniform(-8, 8, count)
     run = World(cube).roll_out(q, v, n_steps=70, dt=DT, substeps=8, impact_parts=4)
-    t = np.arange(71) * DT
-    cov = np.tile(np.diag([1e-8] * 3 + [1e-6] * 3), (71, 1, 1))
-    out = []
+    t, out = np.arange(71) * DT, []
     for k in range(count):
         poses = run[k].copy()
         poses[:, axis] = 0.0
@@ -91,22 +88,16 @@ def planar(cube: ObjectModel, axis: int, count: int = 8) -> list[Toss]:
         poses[:, [other, 2]] += rng.normal(0, 1e-4, (71, 2))
         speed = np.zeros((71, 6))
         speed[:, :3], speed[:, 3 + axis] = np.gradient(poses[:, :3], DT, axis=0), np.gradient(turn, DT)
-        phase = label_phases(cube, t, poses, speed)
-        out.append(Toss(str(k), t, poses, speed, cov, cov, phase))
+        cov, phase = np.diag([1e-8] * 3 + [1e-6] * 3), label_phases(cube, t, poses, speed)
+        out.append(toss_of(str(k), poses, speed, cov=cov, phase=phase))
     return out
 
 
-@pytest.mark.parametrize("axis", [0, 1])
-def test_the_normal_of_the_plane_is_found(cube: ObjectModel, axis: int) -> None:
-    normal = plane_normal(planar(cube, axis))
-    assert normal is not None
-    np.testing.assert_allclose(normal, np.eye(3)[axis], atol=1e-6)
-
-
-def test_tosses_have_no_plane(cube: ObjectModel) -> None:
-    tosses = seen(World(cube), cube, 4, seed=1)
+def test_the_normal_of_a_plane_is_found_and_tosses_have_none(cube: ObjectModel) -> None:
+    for axis in (0, 1):
+        np.testing.assert_allclose(plane_normal(planar(cube, axis)), np.eye(3)[axis], atol=1e-6)
+    tosses, some = seen(World(cube), cube, 4, seed=1), (EFFECTS["wind"], EFFECTS["friction"])
     assert plane_normal(tosses) is None
-    some = (EFFECTS["wind"], EFFECTS["friction"])
     assert in_plane(tosses, World(cube), some) == (some, None)
 
 
@@ -125,7 +116,6 @@ def test_a_plane_hides_what_points_out_of_it(cube: ObjectModel) -> None:
     names = ("com_offset", "ground_tilt", "uniform_force", "wind", "vortex", "torsional_friction", "friction")
     some = [EFFECTS[name] for name in (*names, "anisotropic_friction")]
     library, plane = in_plane(planar(cube, 1), World(cube), some)
-    assert plane is not None
     assert {effect.name: [p.name for p in effect.parameters] for effect in library} == {
         "com_offset": ["x_m", "z_m"],
         "ground_tilt": ["y_rad"],
@@ -156,16 +146,10 @@ def held_for(tosses: list[Toss], frames: int, acceleration: float) -> list[Toss]
     return out
 
 
-@pytest.mark.parametrize("frames", [0, 1, 3])
-def test_frames_that_are_held_are_counted(cube: ObjectModel, frames: int) -> None:
-    tosses = held_for(seen(World(cube), cube, 40, seed=1, frames=60), frames, 25.0)
-    assert bound_frames(tosses, cube) == frames
-
-
-def test_drag_holds_no_frame(cube: ObjectModel) -> None:
+def test_frames_that_are_held_are_counted_and_drag_and_few_tosses_show_none(cube: ObjectModel) -> None:
+    tosses = seen(World(cube), cube, 40, seed=1, frames=60)
+    for frames in (0, 1, 3):
+        assert bound_frames(held_for(tosses, frames, 25.0), cube) == frames
+    assert bound_frames(held_for(tosses[:4], 3, 25.0), cube) == 0
     world = EFFECTS["quadratic_drag"].at(World(cube), np.array([0.1]))
     assert bound_frames(seen(world, cube, 40, seed=2, frames=60), cube) == 0
-
-
-def test_few_tosses_show_no_release(cube: ObjectModel) -> None:
-    assert bound_frames(held_for(seen(World(cube), cube, 4, seed=1, frames=60), 3, 25.0), cube) == 0

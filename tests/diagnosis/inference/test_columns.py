@@ -9,19 +9,20 @@ from tossid.diagnosis.inference import designs
 from tossid.diagnosis.inference.columns import Columns
 from tossid.diagnosis.inference.designs import change_p_values, designed, line_over, steps_at
 
+Linear = tuple[Columns, np.ndarray, np.ndarray]
+"""Columns of a linear model, its design (n, m, width) and residuals (n, m)."""
+
 
 @pytest.fixture
-def linear() -> tuple[Columns, np.ndarray, np.ndarray]:
-    """Columns of a linear model with noise of variance one, with its design (n, m, 3) and residuals (n, m)."""
+def linear() -> Linear:
+    """With noise of variance one."""
     rng = np.random.default_rng(0)
     J = rng.normal(size=(12, 40, 3)) * [1.0, 0.2, 3.0]
     e = rng.normal(size=(12, 40)) - J @ [0.5, 0.0, 0.1]
     return Columns(np.einsum("nmi,nmj->nij", J, J), np.einsum("nmi,nm->ni", J, e), 1.0), J, e
 
 
-def test_steps_are_least_squares_of_all_tosses_of_drawn_ones_and_of_all_but_one(
-    linear: tuple[Columns, np.ndarray, np.ndarray],
-) -> None:
+def test_steps_are_least_squares_of_all_tosses_of_drawn_ones_and_of_all_but_one(linear: Linear) -> None:
     columns, J, e = linear
 
     def solved(tosses: np.ndarray) -> np.ndarray:
@@ -36,9 +37,7 @@ def test_steps_are_least_squares_of_all_tosses_of_drawn_ones_and_of_all_but_one(
     assert columns.gains(out) == pytest.approx(gain, rel=1e-6)
 
 
-def test_effective_scores_and_information_are_those_of_a_fit_of_the_others(
-    linear: tuple[Columns, np.ndarray, np.ndarray],
-) -> None:
+def test_effective_scores_and_information_are_those_of_a_fit_of_the_others(linear: Linear) -> None:
     columns, J, e = linear
     scores, information = columns.scores(np.array([0]), np.array([1, 2]))
     others = J[..., 1:].reshape(-1, 2)
@@ -47,9 +46,7 @@ def test_effective_scores_and_information_are_those_of_a_fit_of_the_others(
     assert scores.sum() == pytest.approx(own @ e.ravel(), rel=1e-6)
 
 
-def test_a_step_in_some_columns_gains_as_much_as_if_the_others_followed(
-    linear: tuple[Columns, np.ndarray, np.ndarray],
-) -> None:
+def test_a_step_in_some_columns_gains_as_much_as_if_the_others_followed(linear: Linear) -> None:
     columns, J, e = linear
     moved = e.ravel() + 0.7 * J[..., 0].ravel()
     others = J[..., 1:].reshape(-1, 2)
@@ -58,9 +55,7 @@ def test_a_step_in_some_columns_gains_as_much_as_if_the_others_followed(
     assert gain == pytest.approx(0.5 * ((e**2).sum() - (left**2).sum()), rel=1e-6)
 
 
-def test_scaled_columns_have_the_covariance_of_scaled_derivatives(
-    linear: tuple[Columns, np.ndarray, np.ndarray],
-) -> None:
+def test_scaled_columns_have_the_covariance_of_scaled_derivatives(linear: Linear) -> None:
     columns, scaled = linear[0], linear[0].scaled(np.full(3, 0.25))
     assert scaled.step() == pytest.approx(4 * columns.step(), rel=1e-6)
     assert scaled.covariance() == pytest.approx(16 * columns.covariance(), rel=1e-6)
@@ -83,13 +78,8 @@ def test_intervals_over_tosses_cover_the_truth() -> None:
 NO = np.zeros(0, dtype=int)
 
 
-def simulated(
-    values: np.ndarray, *, seed: int, scatter: float = 0.0, width: int = 3
-) -> tuple[Columns, np.ndarray, np.ndarray]:
-    """Sums of tosses whose first column has these values, with their design (n, m, width) and residuals (n, m).
-
-    Tosses differ in their information, and every toss scatters in all columns.
-    """
+def simulated(values: np.ndarray, *, seed: int, scatter: float = 0.0, width: int = 3) -> Linear:
+    """Tosses whose first column has these values; they differ in information, and scatter in all columns."""
     rng, n = np.random.default_rng(seed), len(values)
     J = rng.normal(size=(n, 30, width)) * rng.lognormal(0, 0.7, size=(n, 1, 1))
     own = scatter * rng.standard_t(4, size=(n, width))

@@ -113,7 +113,6 @@ def test_found_friction_brings_whole_tosses_near_the_recorded_ones(
     assert now.low <= now.value <= now.high < 0.5 * was.value
     assert was_mm.value == pytest.approx(was.value * 0.01 * 1e3 * cube.width)
     assert now_mm.value < was_mm.value
-    assert found.worst is not None
     assert [toss.name for toss in slippery_tosses].index(found.worst.name) == found.before[:, 0].argmax()
     off = np.linalg.norm(found.worst.before[:, :3] - found.worst.measured[:, :3], axis=1).mean() / cube.width
     assert 100 * off == pytest.approx(found.before[:, 0].max())

@@ -167,7 +167,6 @@ def test_whether_a_simulator_is_the_same_everywhere_is_tried(world: UsersWorld, 
 
 HALF = 0.0524
 
-
 SPEED = 0.8
 
 
@@ -176,28 +175,23 @@ def sliding(height: float) -> State:
     return State(np.array([[0.0, 0, HALF + height, 1, 0, 0, 0]]), np.array([[SPEED, 0, 0, 0, 0, 0]]))
 
 
-def slower(cube: ObjectModel, at: State, theirs: State, contact: Contact = Contact()) -> float:
-    """Change of velocity along x by friction of 0.28 in place of 0.18."""
-    world = effect_named("friction").at(World(cube), np.array([0.28]))
-    change: float = StepChanges(world, World(cube), DT, HOW, contact)(at, theirs)[0, 6]
-    return change
-
-
-@pytest.mark.parametrize("share", [0.5, 1.0, 1.5])
-def test_friction_changes_with_the_load_that_theirs_carries(cube: ObjectModel, share: float) -> None:
-    at = sliding(0.0)
+@pytest.mark.parametrize(
+    ("height", "share", "change"),
+    [
+        *((0.0, share, share) for share in (0.5, 1.0, 1.5)),  # of the weight, that theirs carries
+        (1e-3, 1.0, 1.0),  # theirs touches at some height
+        (0.02, 1.0, 0.0),  # what else holds it in the air is no contact
+    ],
+)
+def test_friction_changes_with_the_load_that_theirs_carries(
+    cube: ObjectModel, height: float, share: float, change: float
+) -> None:
+    """By friction of 0.28 in place of 0.18."""
+    at = sliding(height)
     theirs = State(at.q, at.v + np.array([0, 0, (share - 1) * 9.81 * DT, 0, 0, 0]))
-    assert slower(cube, at, theirs) == pytest.approx(-0.1 * 9.81 * DT * share, rel=0.02)
-
-
-def test_theirs_touches_at_some_height(cube: ObjectModel) -> None:
-    at = sliding(1e-3)
-    assert slower(cube, at, at) == pytest.approx(-0.1 * 9.81 * DT, rel=0.05)
-
-
-def test_what_else_holds_theirs_in_the_air_is_no_contact(cube: ObjectModel) -> None:
-    at = sliding(0.02)
-    assert slower(cube, at, at) == 0.0
+    world = effect_named("friction").at(World(cube), np.array([0.28]))
+    found = StepChanges(world, World(cube), DT, HOW, Contact())(at, theirs)[0, 6]
+    assert found == pytest.approx(-0.1 * 9.81 * DT * change, rel=0.05)
 
 
 def test_gravity_changes_flight_whole_and_rest_not(cube: ObjectModel) -> None:
@@ -261,11 +255,6 @@ def test_mujoco_s_default_contact_is_known_by_its_steps(cube: ObjectModel, subst
 
     assert error(found) < 5e-4
     assert error(Contact()) > 5e-3
-
-
-def test_a_simulator_that_does_not_go_on_from_a_state_is_noticed(cube: ObjectModel) -> None:
-    assert frames(Contact(), cube).lost < 0.05
-    assert frames(Contact(), cube, forgets=0.1).lost > 0.2
 
 
 @pytest.mark.parametrize("contact", [Contact(), Contact(step_count=5)], ids=["stays rigid", "of so many steps"])

@@ -150,7 +150,6 @@ def test_a_restart_follows_first_states_from_first_frames(cube: ObjectModel) -> 
 
 Array = NDArray[np.float64]
 
-
 W, K, L = 4, 6, 5
 
 

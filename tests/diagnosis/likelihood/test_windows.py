@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.diagnosis.tossed import seen
-from tossid.diagnosis.likelihood.cuts import FrameClock, cut_consecutively, cut_flights
+from tossid.diagnosis.likelihood.cuts import FrameClock, cut_flights
 from tossid.diagnosis.likelihood.residuals import LARGEST
 from tossid.diagnosis.likelihood.slow_errors import inverse_factors, slow_covariance
 from tossid.diagnosis.likelihood.states import difference
@@ -150,23 +150,6 @@ def test_windows_end_where_many_frames_are_missing_or_time_is_uneven(cube: Objec
         last = windows.first + windows.steps
         assert not ((windows.first < 49) & (last > 49)).any()
         assert windows.first.max() > 49
-
-
-@pytest.mark.parametrize("missing", [(), (5, 6, 7)])
-def test_cuts_follow_each_other_to_the_end(cube: ObjectModel, missing: tuple[int, ...]) -> None:
-    toss = seen(World(cube), cube, 1, seed=2, frames=100)[0]
-    dt = float(np.median(np.diff(toss.t)))
-    there = np.setdiff1d(np.arange(len(toss)), missing)
-    toss = toss.frames(there)
-    clock = FrameClock.of(toss, dt, CUT.most_missing + 1, CUT.time_step_tolerance)
-    assert (clock.tick[-1], len(clock.breaks)) == (100, 0)
-    cuts = cut_consecutively(toss, clock, 0, CUT)
-    assert [first for first, _ in cuts[1:]] == [last for _, last in cuts[:-1]]
-    assert cuts[0][0] == 0
-    assert clock.tick[-1] - clock.tick[cuts[-1][1]] < CUT.length // 2
-    flight = cut_flights(toss, clock, cube, CUT)
-    assert flight[0][0] == 0
-    assert max(clock.tick[last] - clock.tick[first] for first, last in flight) <= CUT.long
 
 
 def test_flights_after_a_bounce_are_windows_that_hold_no_contact(cube: ObjectModel) -> None:

@@ -119,7 +119,6 @@ def test_the_best_of_many_pairs_is_no_finding() -> None:
         value = common + rng.normal(size=(45, len(COMPONENTS)))
         states = rng.normal(size=(15, len(STATES)))[toss] + 0.3 * rng.normal(size=(45, len(STATES)))
         relation = relate("flight", value, np.ones_like(value), states, toss, rng)
-        assert relation is not None
         claims += relation.clear
     assert claims <= 1
 
@@ -133,7 +132,6 @@ def test_a_linear_dependence_comes_back(slope: float) -> None:
     k, s = COMPONENTS.index("force_along"), STATES.index("speed")
     value[:, k] += slope * states[:, s]
     relation = relate("flight", value, np.full_like(value, 0.05**2), states, toss, rng)
-    assert relation is not None
     assert (relation.component, relation.state) == ("force_along", "speed")
     assert relation.state_clear
     x, fitted, low, high = relation.curve.T
