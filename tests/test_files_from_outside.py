@@ -1,16 +1,107 @@
-"""YAML from outside: what only a hostile file holds is one clear error, at once."""
+"""Files from outside: what they may claim, text in its encodings, and YAML that only a hostile file holds."""
 
 from __future__ import annotations
 
+import os
 import re
 import tracemalloc
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tossid.budget import (
+    check_claim,
+    check_pixels,
+    check_unpacked,
+    limits,
+    regular_size,
+    unpacked_allowance,
+    use_limits,
+)
 from tossid.errors import FileError, brief
+from tossid.settings.limits import ReadLimits
+from tossid.text_files import read_text
 from tossid.yaml_files import check_keys, number, numbers, read_pose, read_yaml
+
+
+@pytest.fixture
+def small() -> Iterator[None]:
+    """Limits of a few bytes and pixels."""
+    before = limits()
+    use_limits(ReadLimits(unpacked=100, ratio=10, pixels=12))
+    yield
+    use_limits(before)
+
+
+def test_only_regular_files_have_a_size(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"12345")
+    assert regular_size(tmp_path / "file") == 5
+    os.mkfifo(tmp_path / "pipe")
+    for name, says in (("pipe", "not a regular file"), ("", "not a regular file"), ("gone", "no such file")):
+        with pytest.raises(FileError, match=says):
+            regular_size(tmp_path / name)
+
+
+@pytest.mark.usefixtures("small")
+@pytest.mark.parametrize(
+    ("check", "says"),
+    [
+        (lambda path: check_claim(path, "pixels", 1300, 12), "packed: claims 1,300 pixels, expected at most 12"),
+        (lambda path: check_claim(path, "pixels", 1e20, 12), r"claims 1e\+20"),
+        (lambda path: check_unpacked(path, 501), "claims 501 bytes when unpacked, expected at most 500"),
+        (lambda path: check_pixels(path, 3, 5), "pixels"),
+        (lambda path: check_pixels(path, 0, 5), "at least one each way"),
+        (lambda path: check_pixels(path, 5, -1), "at least one each way"),
+    ],
+)
+def test_a_claim_beyond_its_limit_is_named(tmp_path: Path, check: Callable[[Path], object], says: str) -> None:
+    """A large packed file may unpack to more."""
+    path = tmp_path / "packed"
+    path.write_bytes(bytes(50))
+    assert [unpacked_allowance(size) for size in (1, 10, 50)] == [100, 100, 500]
+    check_claim(path, "pixels", 12, 12)
+    check_unpacked(path, 500)
+    check_pixels(path, 3, 4)
+    with pytest.raises(FileError, match=says):
+        check(path)
+
+
+# ---------------------------------------------------------------- text
+
+
+TEXT = "time [µs]\r\n0.5\r\n"
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le-mark", "utf-16-be-mark"])
+def test_marks_are_no_part_of_a_text(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "a.txt"
+    marked = encoding.endswith("-mark")
+    path.write_bytes((("\ufeff" if marked else "") + TEXT).encode(encoding.removesuffix("-mark")))
+    assert read_text(path, most=100, expected="numbers") == TEXT
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (TEXT.encode("utf-16-le"), "is not text in UTF-8, or UTF-16 with a byte order mark, expected numbers"),
+        (TEXT.encode("latin-1"), "is not text"),
+        (b"\xff\xfea", "is not text"),
+        (b"1" * (1 << 20), "is larger than 0 MiB, expected numbers"),
+    ],
+)
+def test_what_is_no_text_is_refused(tmp_path: Path, content: bytes, says: str) -> None:
+    path = tmp_path / "a.txt"
+    path.write_bytes(content)
+    with pytest.raises(FileError, match=says):
+        read_text(path, most=100, expected="numbers")
+    with pytest.raises(FileError, match="no such file"):
+        read_text(tmp_path / "b.txt", most=100, expected="numbers")
+
+
+# ---------------------------------------------------------------- YAML
+
 
 LAUGHS = "\n".join(["a0: &a0 [x]", *(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 30))])
 
