@@ -5,9 +5,8 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 
 from pipelines.cli.console import Console
@@ -29,6 +28,9 @@ from tossid.outputs import output_file
 from tossid.types import Phase
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.detection.contact_sheet import Cell, Column, contact_sheet
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FOLDER = Path("outputs/view")
 LOOPBACK = "127.0.0.1"
@@ -63,7 +65,7 @@ def run(config: ViewConfig, console: Console) -> dict[str, Any]:
     }
     if config.sheet is not None:
         with output_file(config.sheet) as temporary:
-            cv2.imwrite(str(temporary), sheet_of(content, config.moments))
+            sheet_of(content, config.moments).savefig(temporary)
         result["sheet"] = str(config.sheet)
         console.say(f"wrote {config.sheet}")
     if wants_file:
@@ -83,8 +85,8 @@ def run(config: ViewConfig, console: Console) -> dict[str, Any]:
     return result
 
 
-def sheet_of(content: ViewContent, moments: int) -> np.ndarray:
-    """A contact sheet (H, W, 3) of evenly spaced moments of a recording."""
+def sheet_of(content: ViewContent, moments: int) -> Figure:
+    """A contact sheet of evenly spaced moments of a recording."""
     times = {camera.name: moments_of(content, camera.name) for camera in content.cameras}
     stamps = np.unique(np.concatenate([*times.values(), np.zeros(0)]))
     if not len(stamps):
