@@ -64,7 +64,7 @@ def test_images_depend_on_the_seed_and_not_on_threads(made, tagged: ObjectModel,
     images = []
     for threads in (1, 2):
         done: list[int] = []
-        writer = RecordingWriter(tmp_path / "rec", cameras, layout_of(tagged), image_format="png")
+        writer = RecordingWriter(tmp_path / "rec", cameras, layout_of(tagged))
         rng = np.random.default_rng(4)
         truth = render_timeline(short, tagged, cameras, writer, rng, threads=threads, progress=done.append)
         assert truth.kept.sum() == 12

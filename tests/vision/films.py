@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,11 +15,12 @@ from tossid.settings.rendering import RenderSettings
 from tossid.synthesis.timeline import Filming, FilmTruth, Timeline, render_timeline
 from tossid.types import Detection, Frame
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.cameras.shutter import poses_at
+from tossid.vision.cameras.shutter import Exposure, poses_at
 from tossid.vision.detection.detect import TagFinder
 from tossid.vision.recordings.formats.frames import read_recording
 from tossid.vision.recordings.recording import Recording
 from tossid.vision.recordings.writing import RecordingWriter
+from tossid.vision.rendering.render import Renderer
 from tossid.vision.setup.faces import tag_corners
 from tossid.vision.setup.layout import TagLayout, layout_of
 
@@ -28,18 +30,16 @@ IMAGES = RenderSettings(samples=8)
 
 
 def write_recording(
-    target: str | Path,
-    cameras: Iterable[Camera],
-    layout: TagLayout,
-    frames: Iterable[Frame],
-    *,
-    image_format: str = "jpg",
-    quality: int = 80,
+    target: Path, cameras: Iterable[Camera], layout: TagLayout, frames: Sequence[Frame], *, exact: bool = False
 ) -> None:
-    """Write a recording from frames as they come."""
-    writer = RecordingWriter(target, cameras, layout, image_format=image_format, quality=quality)
+    """Write a recording from frames as they come; exact: as PNG."""
+    writer = RecordingWriter(target, cameras, layout)
     for frame in frames:
         writer.write(frame)
+    for frame in frames if exact else ():
+        path = target / "frames" / frame.camera / f"{round(frame.t * 1e9):019d}.jpg"
+        path.unlink()
+        cv2.imwrite(str(path.with_suffix(".png")), frame.image)
 
 
 def film_of(
@@ -77,12 +77,17 @@ def random_poses(n: int, seed: int = 3) -> Array:
     )
 
 
-def corner_errors(source, cameras: Iterable[Camera], model: ObjectModel, poses: Array) -> tuple[Array, Array]:
+def shot(source: Renderer, q: Array, camera: str = "c", rng: np.random.Generator | None = None) -> NDArray[np.uint8]:
+    """An image of an object that stands still in a configuration (nq,)."""
+    return source.draw(Exposure(q[None], (0.0, 1.0)), camera, rng)
+
+
+def corner_errors(source: Renderer, cameras: Iterable[Camera], model: ObjectModel, poses: Array) -> tuple[Array, Array]:
     """Detected minus true corners, and the width of a tag's cell [px], of every tag found. (n, 4, 2), (n,)."""
     errors, cells = [], []
     for q in poses:
         for camera in cameras:
-            image = source.render(q, q, camera.name, None)
+            image = shot(source, q, camera.name)
             for detection in TagFinder(camera, model).find(Frame(camera.name, 0.0, image)):
                 true = true_corners(camera, model, q, detection)
                 errors.append(detection.corners - true)

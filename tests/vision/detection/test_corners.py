@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests.vision.films import true_corners
+from tests.vision.films import shot, true_corners
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_normalize
 from tossid.settings.ingestion import DetectSettings
@@ -33,7 +33,7 @@ def measured(tagged: ObjectModel) -> Measure:
         rng, errors, covs = np.random.default_rng(1), [], []
         for _ in range(26):
             q = np.array([*rng.uniform([-0.3, -0.3, 0.06], [0.3, 0.3, 0.4]), *quat_normalize(rng.normal(size=4))])
-            frame = Frame(camera.name, 0.0, renderer.render(q, q, camera.name, rng))
+            frame = Frame(camera.name, 0.0, shot(renderer, q, camera.name, rng))
             for d in TagFinder(camera, tagged, DetectSettings(predict=False, refine=False)).find(frame):
                 corners, cov, good = refine_corners(frame.image, camera, d.corners)
                 if good:

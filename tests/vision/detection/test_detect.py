@@ -10,6 +10,7 @@ import pytest
 
 from tests.vision.conftest import Filmed
 from tests.vision.detection.test_search import poster
+from tests.vision.films import shot
 from tossid.objects import ObjectModel
 from tossid.rotations import transform, transform_points
 from tossid.settings.ingestion import DetectSettings
@@ -27,7 +28,7 @@ TILTED = np.array([0.9, 0.1, 0.3, 0.3])
 
 def _image(model: ObjectModel, camera, position=(0.0, 0.1, 0.2)) -> np.ndarray:
     q = np.array([*position, *(TILTED / np.linalg.norm(TILTED))])
-    return Renderer(model, [camera]).render(q, q, camera.name, None)
+    return shot(Renderer(model, [camera]), q, camera.name)
 
 
 def test_prediction_finds_what_a_whole_search_finds(filmed: Filmed, tagged: ObjectModel):
@@ -78,7 +79,7 @@ def test_a_tag_cut_by_the_edge_is_not_extrapolated(tagged: ObjectModel):
     away = camera.T_world_cam[:3, 0]
     for step in np.linspace(0.7, 0.75, 30):
         q = np.array([*(step * away), *(TILTED / np.linalg.norm(TILTED))])
-        image = Renderer(tagged, [camera]).render(q, q, camera.name, None)
+        image = shot(Renderer(tagged, [camera]), q, camera.name)
         for found in finder.find(Frame(camera.name, float(step), image)):
             tag = next(tag for tag in tagged.tags if tag.id == found.tag_id)
             true = camera.project(transform_points(transform(q[:3], q[3:7]), tag_corners(tag)))

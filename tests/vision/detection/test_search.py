@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.vision.films import shot
 from tossid.errors import InputError
 from tossid.ingestion import stages
 from tossid.objects import ObjectModel
@@ -58,7 +59,7 @@ CELL = 420 * 0.01 / (1 - 0.0524)
 def _seen(tagged: ObjectModel, turn: float, *, level: float | None, over: float) -> tuple[np.ndarray, np.ndarray]:
     """An image of tag 0 with a grey thing over the right margin and `over` cells of the border, and true corners."""
     q = np.array([0.0, 0.0, 0.5, *quat_exp([0.0, 0.0, turn])])
-    image = Renderer(tagged, [CAMERA], RenderSettings(samples=64)).render(q, q, "c", np.random.default_rng(1))
+    image = shot(Renderer(tagged, [CAMERA], RenderSettings(samples=64)), q, "c", np.random.default_rng(1))
     tag = next(tag for tag in tagged.tags if tag.id == 0)
     true = CAMERA.project(transform_points(transform(q[:3], q[3:7]), tag_corners(tag)))
     if level is not None:

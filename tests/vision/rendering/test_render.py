@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.vision.films import corner_errors, corner_rms, film_of, random_poses
+from tests.vision.films import corner_errors, corner_rms, film_of, random_poses, shot
 from tossid.errors import InputError, ObjectError
 from tossid.objects import ObjectModel, Tag
 from tossid.settings.rendering import RenderSettings
@@ -41,8 +41,7 @@ def test_a_pixel_is_the_mean_over_its_area(tagged: ObjectModel):
     camera = Camera("c", (200, 200), [300, 300, 100.3, 99.6], T_rig_cam=look_at([1.0, 1e-9, 0.5], [0.0, 0.0, 0.5]))
     settings = RenderSettings(blur=0.0, noise=0.0, ambient=1.0, white=250.0, samples=64)
     renderer = Renderer(bare, [camera], settings)
-    image = renderer.render(np.array([0, 0, 0.5, 1, 0, 0, 0]), np.array([0, 0, 0.5, 1, 0, 0, 0]), "c", None)
-    empty = renderer.render(np.array([0, 0, -9.0, 1, 0, 0, 0]), np.array([0, 0, -9.0, 1, 0, 0, 0]), "c", None)
+    image, empty = (shot(renderer, np.array([0, 0, z, 1, 0, 0, 0])) for z in (0.5, -9.0))
     covered = ((image.astype(float) - empty) / (250.0 - empty)).sum()
     width = 300 * 0.1048 / (1.0 - 0.0524)
     assert covered == pytest.approx(width**2, rel=2e-3)
@@ -56,8 +55,7 @@ def test_what_cannot_be_drawn_is_refused(tagged: ObjectModel):
     with pytest.raises(ObjectError, match="600"):
         tag_bitmap(600)
     with pytest.raises(InputError, match="cam7"):
-        q = random_poses(1)[0]
-        Renderer(tagged, default_rig()).render(q, q, "cam7", None)
+        shot(Renderer(tagged, default_rig()), random_poses(1)[0], "cam7")
 
 
 DT = 1 / 148
@@ -76,7 +74,7 @@ def test_defocus_widens_an_edge_as_a_thin_lens_does(cube: ObjectModel):
     for aperture in (0.0, 0.01, 0.02):
         settings = RenderSettings(blur=0.0, noise=0.0, ambient=1.0, samples=256, aperture_m=aperture, focus_m=focus)
         renderer = Renderer(cube, [camera], settings)
-        level = renderer.render(q, q, "c", None)[100:140, 150:].astype(float).mean(axis=0)
+        level = shot(renderer, q)[100:140, 150:].astype(float).mean(axis=0)
         spread = -np.diff(level[:60])
         columns = np.arange(len(spread))
         keep = np.abs(columns - np.argmax(spread)) < 12
@@ -118,7 +116,7 @@ def test_the_nearer_link_hides_the_farther(elbow: ObjectModel) -> None:
         dict(zip([tag.id for tag in model.tags], renderer.visible(exposure, "c"), strict=True))
         for exposure in (Shutter().expose(np.array([0.0, DT]), np.stack([at, at]), 0, 512, 16) for at in (q, aside))
     )
-    ids = {d.tag_id for d in TagFinder(camera, model).find(Frame("c", 0.0, renderer.render(q, q, "c", None)))}
+    ids = {d.tag_id for d in TagFinder(camera, model).find(Frame("c", 0.0, shot(renderer, q)))}
     assert (3 in ids, 9 in ids) == (True, False)  # -y of the first link, and of the second, behind it
     assert (shares[3], shares[9]) == (1.0, 0.0)
     assert 0.2 < beside[3] < 0.8

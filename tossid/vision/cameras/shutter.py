@@ -84,36 +84,10 @@ class Shutter:
         seen = None if hand is None else poses_at(t, hand, times)
         if seen is not None and not np.isfinite(seen).any():
             seen = None
-        path = between(*opening(t, q, i, duration), parts) if self.line == 0 else poses_at(t, q, times)
+        path = poses_at(t, q, times)
         if seen is None and (path == path[0]).all():
             return Exposure(path[:1], (0.0, 1.0))
-        path = np.repeat(path, parts, axis=0) if len(path) == 1 else path
         return Exposure(path, ((parts - span) / max(height - 1, 1), span), seen)
-
-
-def opening(t: Array, q: Array, i: int, duration: float) -> tuple[Array, Array]:
-    """Configurations (nq,) at the ends of a time around frame i, at that frame's own mean velocity.
-
-    A blur between them is centred on the pose of the frame's time stamp.
-    """
-    before, after = q[max(i - 1, 0)], q[min(i + 1, len(q) - 1)]
-    share = 0.25 * duration / float(t[1] - t[0])
-    opened, closed = q[i].copy(), q[i].copy()
-    way = share * (after - before)
-    opened[:3], closed[:3] = q[i, :3] - way[:3], q[i, :3] + way[:3]
-    opened[7:], closed[7:] = q[i, 7:] - way[7:], q[i, 7:] + way[7:]
-    turn = share * quat_boxminus(after[3:7], before[3:7])
-    opened[3:7], closed[3:7] = quat_mul(q[i, 3:7], quat_exp(-turn)), quat_mul(q[i, 3:7], quat_exp(turn))
-    return opened, closed
-
-
-def between(q0: Array, q1: Array, parts: int) -> Array:
-    """Configurations in the middles of equal parts of the way from one to another; one if they are equal."""
-    if np.array_equal(q0, q1):
-        return q0[None]
-    return interpolate(
-        np.repeat(q0[None], parts, axis=0), np.repeat(q1[None], parts, axis=0), (np.arange(parts) + 0.5) / parts
-    )
 
 
 def interpolate(q0: Array, q1: Array, s: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Recordings written as image files."""
+"""Recordings written as JPEG files."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from pathlib import Path
 
 import cv2
 
-from tossid.errors import InputError
 from tossid.types import Frame
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.setup.calibration import write_cameras
@@ -18,35 +17,17 @@ from tossid.vision.setup.tagslam import write_tagslam
 class RecordingWriter:
     """Writes a recording into a folder. `tossid.outputs.output_folder` makes one that appears whole or not at all."""
 
-    def __init__(
-        self,
-        folder: str | Path,
-        cameras: Iterable[Camera],
-        layout: TagLayout,
-        *,
-        image_format: str = "jpg",
-        quality: int = 80,
-    ) -> None:
+    def __init__(self, folder: str | Path, cameras: Iterable[Camera], layout: TagLayout, *, quality: int = 80) -> None:
         """Write the calibration.
 
         Args:
             folder: The recording's; made where there is none.
             cameras: Written to its calibration.
             layout: Bodies and tags, likewise.
-            image_format: "jpg" or "png".
             quality: Of JPEG, 1 to 100.
-
-        Raises:
-            InputError: There is no such format or quality.
         """
-        if image_format not in ("jpg", "png"):
-            raise InputError(f"image format '{image_format}' is not one of jpg, png")
-        if not 1 <= quality <= 100:
-            raise InputError(f"JPEG quality {quality} is not within 1 to 100")
         self.folder, cameras = Path(folder), tuple(cameras)
-        self._suffix = f".{image_format}"
-        jpeg = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1]
-        self._options = jpeg if image_format == "jpg" else []
+        self._options = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1]
         for camera in cameras:
             (self.folder / "frames" / camera.name).mkdir(parents=True, exist_ok=True)
         write_cameras(cameras, self.folder)
@@ -54,6 +35,6 @@ class RecordingWriter:
 
     def write(self, frame: Frame) -> None:
         """Add one frame; safe to call from several threads."""
-        name = f"{round(frame.t * 1e9):019d}{self._suffix}"
-        _, content = cv2.imencode(self._suffix, frame.image, self._options)
+        _, content = cv2.imencode(".jpg", frame.image, self._options)
+        name = f"{round(frame.t * 1e9):019d}.jpg"
         (self.folder / "frames" / frame.camera / name).write_bytes(content.tobytes())

@@ -12,14 +12,14 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from tossid.errors import InputError
 from tossid.objects import ObjectModel, body_poses, corner_positions
 from tossid.rotations import quat_rotate, quat_to_matrix, transform, transform_points
 from tossid.settings.rendering import RenderSettings
 from tossid.vision.cameras.camera import Camera
-from tossid.vision.cameras.shutter import Exposure, between
+from tossid.vision.cameras.shutter import Exposure
 from tossid.vision.rendering._raster import Faces, Optics, Prints, cast, visible_shares
 from tossid.vision.rendering.backdrop import Levels, backdrop
 from tossid.vision.rendering.hand import hand_faces
@@ -125,21 +125,6 @@ class Renderer:
         self._tag_map = np.array(maps, dtype=float).reshape(-1, 2, 3)
         self._bitmaps = np.array(bitmaps, dtype=np.uint8).reshape(-1, TAG_CELLS, TAG_CELLS)
 
-    def render(self, q0: ArrayLike, q1: ArrayLike, camera: str, rng: np.random.Generator | None) -> Image:
-        """One image, all of whose rows are exposed at once (see `draw`).
-
-        Args:
-            q0: (nq,) configuration when the shutter opens.
-            q1: (nq,) configuration when it closes.
-            camera: Name of the camera.
-            rng: Source of the sensor's noise; None for an image without noise.
-
-        Returns:
-            (height, width) grey levels.
-        """
-        path = between(np.asarray(q0, dtype=float), np.asarray(q1, dtype=float), self.settings.samples)
-        return self.draw(Exposure(path, (0.0, float(len(path)))), camera, rng)
-
     def draw(self, exposure: Exposure, camera: str, rng: np.random.Generator | None) -> Image:
         """One image.
 
@@ -150,6 +135,9 @@ class Renderer:
 
         Returns:
             (height, width) grey levels.
+
+        Raises:
+            InputError: There is no such camera.
         """
         cam, settings = self._camera(camera), self.settings
         sharp, blurred = self._background[camera]
@@ -237,7 +225,13 @@ class Renderer:
         return np.stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]], axis=1)
 
     def _cast(
-        self, canvas: NDArray[np.float32], x0: int, y0: int, cam: Camera, exposure: Exposure, rng: object
+        self,
+        canvas: NDArray[np.float32],
+        x0: int,
+        y0: int,
+        cam: Camera,
+        exposure: Exposure,
+        rng: np.random.Generator | None,
     ) -> None:
         settings = self.settings
         position, quat, count = self._bodies(exposure.q, exposure.hand)
@@ -245,7 +239,7 @@ class Renderer:
         if settings.aperture_m > 0:  # a face seen edge-on from the lens's middle is not so from all of it
             faces = faces._replace(front=faces.planes[..., 3] < settings.lens[0])
         shade = self._shade(quat[len(quat) // 2], count)
-        seed = int(rng.integers(2**31)) if isinstance(rng, np.random.Generator) else 0
+        seed = 0 if rng is None else int(rng.integers(2**31))
         prints = Prints(
             self._white[:count] * shade,
             BLACK * shade,
