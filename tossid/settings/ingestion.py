@@ -19,7 +19,7 @@ class DetectSettings(Checked):
     search_decimate: Annotated[float, Bounds(low=1)] = 2.0
     """reduction where it must be looked for in the whole image"""
     predict: bool = True
-    """look where the last poses say first; false searches every image whole"""
+    """look where the last tags say first; false searches every image whole"""
     refine: bool = True
     """measure corners in the image, to a fraction of a pixel"""
     max_hamming: Annotated[int, Bounds(low=0, high=2)] = 1

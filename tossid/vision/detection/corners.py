@@ -93,17 +93,6 @@ def _ray(rays: Array, x: float, y: float, out: Array) -> bool:
 
 
 @kernel
-def rays_at(rays: Array, pixels: Array) -> Array:
-    """Normalised coordinates of pixels (n, m, 2), looked up in `Camera.rays`; NaN outside."""
-    out, ray = np.full(pixels.shape, np.nan), np.empty(6)
-    for i in range(pixels.shape[0]):
-        for k in range(pixels.shape[1]):
-            if _ray(rays, pixels[i, k, 0], pixels[i, k, 1], ray):
-                out[i, k, 0], out[i, k, 1] = ray[0], ray[1]
-    return out
-
-
-@kernel
 def grey(image: NDArray[np.uint8], x: float, y: float) -> float:
     """Bilinear grey level, of the nearest place in the image."""
     x, y = min(max(x, 0.0), image.shape[1] - 1.001), min(max(y, 0.0), image.shape[0] - 1.001)

@@ -49,8 +49,8 @@ BATCH = 96
 class TagFinder:
     """Finds an object's tags in the images of one camera, one after another.
 
-    After a frame in which tags were seen, the next is searched only where the object's bodies must be by
-    their last poses and velocities; where that finds nothing, and at first, the whole image is searched.
+    After a frame in which tags were seen, the next is searched only where the object must be by these tags and their
+    velocity; where that finds nothing, and at first, the whole image is searched.
     """
 
     def __init__(
