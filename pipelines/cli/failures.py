@@ -107,10 +107,8 @@ def _explain(error: BaseException, args: list[str]) -> tuple[str, int]:
     refused = next((cause for cause in _causes(error) if type(cause).__module__ == "mlflow.exceptions"), None)
     if refused is not None:
         first = str(refused).partition("\n")[0]
-        return (
-            f"MLflow's store refuses ({first}); was something deleted there meanwhile? The command can be run again",
-            1,
-        )
+        why = "is its server away, or was something deleted there meanwhile?"
+        return f"MLflow's store refuses ({first}); {why} The command can be run again", 1
     what = f"{type(error).__name__}: {_one_line(error)}".rstrip(": ")
     return f"this is a bug in tossid ({what[:200]}); {_log(error, args)}", 1
 

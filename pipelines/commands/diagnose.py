@@ -41,24 +41,21 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
     under_way = UnderWay(news=console.say)
     found: Diagnosis | None = None
     try:
-        with (
-            output_folder(folder, made_by="tossid diagnose") as temporary,
-            console.shares(f"diagnosing {simulator.about}") as progress,
-        ):
+        with console.shares(f"diagnosing {simulator.about}") as progress:
             under_way.progress = progress
             task.gap_of_first(under_way)  # before the tracker, which takes a second to open
             with tracked_run(folder.name, config, command="diagnose") as tracked:
                 tracked.data(data, sha256, context="diagnosis")
-                found = task.run(under_way)
-                found.save(temporary)
+                with output_folder(folder, made_by="tossid diagnose") as temporary:
+                    found = task.run(under_way)
+                    found.save(temporary)
                 tracked.metrics(found.metrics())
                 tracked.describe(f"The whole report is `gap.html`, under Artifacts.\n\n```\n{found}\n```")
                 tracked.tag("verdict", found.verdict)
                 tracked.tag("effects", ", ".join(found.named))
-                written = [name for name in _FILES if (temporary / name).exists()]
+                written = [name for name in _FILES if (folder / name).exists()]
                 for name in written:
-                    tracked.artifact(temporary / name)
-            figures = sorted(path.name for path in (temporary / "figures").iterdir())
+                    tracked.artifact(folder / name)
     except BaseException as error:
         if under_way.first is None or not was_interrupted(error):
             raise
@@ -72,7 +69,7 @@ def run(config: DiagnoseConfig, console: Console) -> dict[str, Any]:
     where = {_FILES[name]: str(folder / name) for name in written if _FILES[name]}
     where |= {"out": str(folder), "run": tracked.id}
     plain: dict[str, Any] = jsonable(found.as_json())
-    return {**plain, **where, "figures": [str(folder / "figures" / name) for name in figures]}
+    return {**plain, **where, "figures": sorted(str(path) for path in (folder / "figures").iterdir())}
 
 
 def _save_so_far(found: Diagnosis, folder: Path, console: Console) -> str:

@@ -25,7 +25,7 @@ from pipelines.execution.workers import submitting
 from pipelines.files.project import dataset_path
 from pipelines.tracking.mlflow_store import client
 from pipelines.tracking.run import TrackedRun, tracked_run
-from pipelines.tracking.runs import find_runs
+from pipelines.tracking.runs import RUN, find_runs, run_id_in
 from tossid.errors import ConfigError, TossidError
 from tossid.evaluation.evaluate import metric_means
 from tossid.models import EpochRecord
@@ -36,7 +36,6 @@ from tossid.studies.result import Study
 from tossid.studies.study import StudyPlan, plan_study
 
 FOLDER = Path("outputs/sweeps")
-RUNS = "runs.json"
 CELL_TAG = "tossid.cell"
 
 
@@ -52,15 +51,14 @@ def run_sweep(config: EvaluateConfig, sweep: SweepConfig, console: Console) -> d
     with only_writer(folder / "study"):
         missing = plan.missing()
         console.say(f"{folder}: {len(plan.cells) - len(missing)} of {len(plan.cells)} cells are done")
-        noted = _noted(folder)
         with submitting(config.launcher, sweep.workers, len(missing)) as submit, ExitStack() as last:
             begun = plan.begin(missing, submit)  # workers are at work while the tracker opens
             named = f"sweep-{sweep.name}"
-            parent = last.enter_context(tracked_run(named, config, command="sweep", resume=noted.get("run")))
+            parent = last.enter_context(tracked_run(named, config, command="sweep", resume=run_id_in(folder)))
             import tossid.evaluation.figures  # needed at the end; now workers are at work  # noqa: F401
 
             bar = last.enter_context(console.progress(f"sweep {sweep.name}", len(plan.cells), unit="cells"))
-            runs = CellRuns(study, parent, noted)
+            runs = CellRuns(study, parent)
 
             def each(cell: StudyCell, outcome: CellResult | TossidError) -> Mapping[str, Any] | None:
                 what = f"{cell.model}, {cell.swept} {cell.value:g}"
@@ -113,20 +111,25 @@ def _open(sweep: SweepConfig, data: Path) -> OpenStudy:
 class CellRuns:
     """The runs of a study's cells in MLflow, below the study's own; each cell is logged once.
 
+    Cells that an earlier command has logged are known by their tag. What it had half logged when it was killed goes.
+
     Args:
         study: The study.
         parent: Its run.
-        noted: What an interrupted command had noted of its runs.
     """
 
-    def __init__(self, study: OpenStudy, parent: TrackedRun, noted: dict[str, Any]) -> None:
+    def __init__(self, study: OpenStudy, parent: TrackedRun) -> None:
         self._study, self._parent = study, parent
-        self._of_cell: dict[str, str] = noted["cells"] if parent.resumed else {}
-        if parent.resumed:
-            self._recall()
-        else:
+        self._of_cell: dict[str, str] = {}
+        if not parent.resumed:
             parent.data(study.data, study.sha256, context="study")
-            self._note()
+            write_whole(study.folder / RUN, (json.dumps({"run": parent.id}) + "\n").encode())
+            return
+        for run in find_runs(parent=parent.id):
+            if run.info.status == "FINISHED":
+                self._of_cell[run.data.tags[CELL_TAG]] = run.info.run_id
+            else:
+                client().delete_run(run.info.run_id)
 
     def tracked(self, cell: StudyCell, got: CellResult) -> str:
         """Log a cell, unless it is logged already; returns its run's id.
@@ -148,38 +151,7 @@ class CellRuns:
             assert isinstance(got.checkpoint, Path)  # a study with a folder keeps it there
             run.checkpoint(got.checkpoint)
         self._of_cell[cell.digest] = run.id
-        self._note()
         return run.id
-
-    def _recall(self) -> None:
-        """Know the runs of cells that a killed command had logged and not noted; what it had half logged goes.
-
-        Cells whose run was deleted since are logged again.
-        """
-        there = find_runs(parent=self._parent.id)
-        ids = {run.info.run_id for run in there}
-        self._of_cell = {digest: run for digest, run in self._of_cell.items() if run in ids}
-        for run in there:
-            digest = run.data.tags.get(CELL_TAG)
-            if digest is None or digest in self._of_cell:
-                continue
-            if run.info.status == "FINISHED":
-                self._of_cell[digest] = run.info.run_id
-            else:
-                client().delete_run(run.info.run_id)
-
-    def _note(self) -> None:
-        noted = {"run": self._parent.id, "cells": self._of_cell}
-        write_whole(self._study.folder / RUNS, (json.dumps(noted, indent=1) + "\n").encode())
-
-
-def _noted(folder: Path) -> dict[str, Any]:
-    """The runs that this study has in MLflow: its own, and each cell's by digest."""
-    try:
-        runs = json.loads((folder / RUNS).read_text())
-        return {"run": str(runs["run"]), "cells": dict(runs["cells"])}
-    except (OSError, ValueError, KeyError, TypeError):
-        return {}
 
 
 ERRORS = ("position_error_pct", "rotation_error_deg")

@@ -123,7 +123,7 @@ def _fit(
     state: dict[str, Any] | None,
     log: Callable[[int, EpochRecord], None],
 ) -> TrainedModel:
-    """Train with a progress bar; the state is saved now and then, and when the training is interrupted."""
+    """Train with a progress bar; the state is saved now and then, and when something stops the training."""
     from tossid.models import EpochRecord
     from tossid.training.api import fit_model
 
@@ -145,7 +145,7 @@ def _fit(
 
         try:
             return fit_model(fit, each_epoch=each_epoch, state=state)
-        except KeyboardInterrupt:
+        except BaseException:
             if latest is not None:
                 unfinished.save(latest)
             raise

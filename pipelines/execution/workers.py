@@ -25,6 +25,7 @@ from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 from pipelines.config.schemas.launching import DaskLauncher, Launcher, ProcessesLauncher, SlurmLauncher
+from pipelines.execution.environment import environment
 from pipelines.execution.interrupts import interrupted_later
 from tossid.code_digest import code_digest
 from tossid.errors import ConfigError, FileError, InputError
@@ -145,8 +146,8 @@ _OPENERS: dict[type, Callable[[Any, int | None], AbstractContextManager[Workers]
 
 @contextmanager
 def _processes(count: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes of one thread each."""
-    with _one_thread_each():
+    """Processes of one thread each: libraries read that when they are imported."""
+    with environment(dict.fromkeys(_ONE_THREAD, "1")):
         pool = ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn"), initializer=_begin)
         try:
             yield pool
@@ -156,21 +157,6 @@ def _processes(count: int) -> Iterator[ProcessPoolExecutor]:
             raise
         finally:
             pool.shutdown(cancel_futures=True)
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Libraries take one thread in processes that are started within: they read it when they are imported."""
-    before = {name: os.environ.get(name) for name in _ONE_THREAD}
-    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
 
 
 def _begin() -> None:

@@ -17,27 +17,22 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
 from pipelines.cli.console import Console
+from pipelines.execution.environment import environment
 from pipelines.tracking.addresses import check_address, is_database, is_server, redacted, without_password
 from tossid import budget
 from tossid.errors import FileError, InputError
 from tossid.locks import held
+from tossid.outputs import output_file
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
 
-_HTTP = {"MAX_RETRIES": "2", "BACKOFF_FACTOR": "1", "TIMEOUT": "30"}
-"""A server that is away is noticed within seconds, not within MLflow's four minutes."""
-_HTTP_AT_ONCE = {"MAX_RETRIES": "0", "BACKOFF_FACTOR": "1", "TIMEOUT": "5"}
+_HTTP = {"MAX_RETRIES": "2", "BACKOFF_FACTOR": "1", "TIMEOUT": "10"}
 _CONNECT_S = 5
 """How long a database may take to answer [s]."""
 _SQLITE = "sqlite:///"
-LOCAL = f"{_SQLITE}mlflow.db"
-"""MLflow's default store: a file in the folder that a command is run in."""
-_NETWORK = (
-    "nfs", "cifs", "smb", "lustre", "gpfs", "beegfs", "panfs", "ceph", "afs", "coda", "gfs2", "ocfs2", "9p", "vboxsf",
-    "fuse",
-)  # fmt: skip
-"""How types of file systems begin that another machine may write to; what FUSE mounts may be local."""
+_WAIT_MS = 60_000
+"""How long a process waits until another one has written."""
 _KIND = {"mlflow.experimentKind": "custom_model_development"}
 """What MLflow 3 opens an experiment as: training of models, and not language models.
 
@@ -47,11 +42,16 @@ _DAMAGED = "MLflow's store is damaged; move it away, and the next command makes 
 _ADVICE = "start it, or unset the variable to track in this folder"
 
 
-def client(*, patient: bool = True) -> MlflowClient:
-    """MLflow's client on its default store, quiet; the store is made by one process at a time.
+@contextmanager
+def at_once() -> Iterator[None]:
+    """Notice within seconds that a server is away, while the block lasts; MLflow itself asks again for four minutes."""
+    values = {f"MLFLOW_HTTP_REQUEST_{name}": value for name, value in _HTTP.items()}
+    with environment({name: value for name, value in values.items() if name not in os.environ}):
+        yield
 
-    Args:
-        patient: Whether a server is asked again when it does not answer.
+
+def client() -> MlflowClient:
+    """MLflow's client on its default store, quiet; the store is made by one process at a time.
 
     Raises:
         InputError: MLFLOW_TRACKING_URI names a server or database that does not answer or refuses.
@@ -60,36 +60,24 @@ def client(*, patient: bool = True) -> MlflowClient:
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
     os.environ.setdefault("GIT_PYTHON_REFRESH", "quiet")
     os.environ.setdefault("MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT", "true")
-    for name, value in (_HTTP if patient else _HTTP_AT_ONCE).items():
-        os.environ.setdefault(f"MLFLOW_HTTP_REQUEST_{name}", value)
-    for name in ("mlflow", "alembic"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # its errors are raised too, and reported here
     import mlflow
     from mlflow import MlflowClient
 
     for name in ("mlflow", "alembic"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)
-    _prepare_sqlite()
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # its errors are raised too, and reported here
+    _let_sqlite_wait()
     uri = mlflow.get_tracking_uri()
     check_address(uri)
     if is_server(uri):
         return _answering(MlflowClient(uri), uri)
     if is_database(uri):
         _check_database(uri)
-    if uri.startswith(_SQLITE):
-        return _in_file(uri)
-    return MlflowClient(uri)
-
-
-def local_client() -> MlflowClient:
-    """MLflow's client on the store in this folder, whatever MLFLOW_TRACKING_URI says; after `client`."""
-    return _in_file(LOCAL)
-
-
-def _in_file(uri: str) -> MlflowClient:
+    if not uri.startswith(_SQLITE):
+        return MlflowClient(uri)
     database = Path(unquote(uri.removeprefix(_SQLITE)))
-    with _making(database):
-        return _opened(uri, database)
+    if not _is_made(database):
+        _make(database)
+    return _opened(uri, database)
 
 
 def _opened(uri: str, database: Path) -> MlflowClient:
@@ -102,9 +90,8 @@ def _opened(uri: str, database: Path) -> MlflowClient:
     from mlflow.exceptions import MlflowException
     from sqlalchemy.exc import SQLAlchemyError
 
-    if database.exists():
-        budget.regular_size(database)
-        _check_file(database)
+    budget.regular_size(database)
+    _check_file(database)
     try:
         client = MlflowClient(uri)
         client.search_experiments(max_results=1)
@@ -133,11 +120,6 @@ def _check_file(database: Path) -> None:
         raise FileError(database, _DAMAGED) from error
 
 
-def is_remote(client: MlflowClient) -> bool:
-    """Whether its store is a tracking server."""
-    return is_server(str(client.tracking_uri))
-
-
 def _answering(client: MlflowClient, uri: str) -> MlflowClient:
     """The client of a server, if that answers.
 
@@ -147,7 +129,8 @@ def _answering(client: MlflowClient, uri: str) -> MlflowClient:
     from mlflow.exceptions import MlflowException
 
     try:
-        client.search_experiments(max_results=1)
+        with at_once():
+            client.search_experiments(max_results=1)
     except MlflowException as error:
         code = error.get_http_status_code()
         if code < 500:
@@ -182,29 +165,8 @@ def _check_database(uri: str) -> None:
         raise InputError(f"MLFLOW_TRACKING_URI={without_password(uri)}: {problem}") from error
 
 
-def network_file_system(path: Path) -> str | None:
-    """The type of the network file system that a path lies on; None on a local one, and where no one says (not Linux).
-
-    Args:
-        path: A file or folder, which need not be there yet.
-    """
-    try:
-        mounts = Path("/proc/self/mounts").read_text().splitlines()
-    except OSError:
-        return None
-    path = Path(os.path.realpath(path))
-    around = []
-    for line in mounts:
-        place, kind = line.split(" ")[1:3]
-        place = place.replace("\\040", " ")  # as the kernel writes a space
-        if path.is_relative_to(place):
-            around.append((len(place), kind))
-    kind = max(around, key=lambda one: one[0], default=(0, ""))[1]  # of two that are mounted at one place, either
-    return kind if kind.startswith(_NETWORK) else None
-
-
-def _prepare_sqlite() -> None:
-    """Let several processes write: a write-ahead log where all are on one machine, and waiting instead of failing."""
+def _let_sqlite_wait() -> None:
+    """Let a process that finds the store locked wait for the other one, instead of failing."""
     from sqlalchemy import event
     from sqlalchemy.engine import Engine
 
@@ -214,53 +176,32 @@ def _prepare_sqlite() -> None:
 
 def _on_connect(connection: Any, record: Any) -> None:
     if type(connection).__module__.startswith("sqlite3"):
-        cursor = connection.cursor()
-        cursor.execute("PRAGMA busy_timeout = 60000")
-        file = cursor.execute("PRAGMA database_list").fetchone()[2]
-        # The write-ahead log is memory that processes of one machine share; a rollback journal is a file.
-        shared = bool(file) and network_file_system(Path(file)) is not None
-        cursor.execute(f"PRAGMA journal_mode = {'DELETE' if shared else 'WAL'}")
-        cursor.execute(f"PRAGMA synchronous = {'FULL' if shared else 'NORMAL'}")
-        cursor.close()
+        connection.execute(f"PRAGMA busy_timeout = {_WAIT_MS}")
 
 
-@contextmanager
-def _making(database: Path) -> Iterator[None]:
-    """Let one process make the tables, where they are not there yet, and leave no half of them.
+def _make(database: Path) -> None:
+    """Make the tables, whole or not at all: MLflow could not open a half-made store again."""
+    from mlflow import MlflowClient
+    from sqlalchemy import event
+    from sqlalchemy.engine import Engine
 
-    MLflow could not open a half-made store again. What an error or Ctrl-C leaves is removed. What a killed process left
-    is put aside by the next one, which knows it by the file NAME.making.
-    """
-    making = database.with_suffix(".making")
-    if _is_made(database) and not making.exists():
-        yield
-        return
-    with held(database.with_name(f".{database.name}.lock"), wait=True):
-        if making.exists():
-            for path in _files(database):
-                if path.exists():
-                    os.replace(path, path.with_name(f"{path.name}.unfinished"))
-        there = _is_made(database)  # by another process meanwhile
-        if not there:
-            making.touch()
-        try:
-            yield
-        except BaseException:
-            if not there:
-                for path in _files(database):
-                    path.unlink(missing_ok=True)
-            raise
-        finally:
-            making.unlink(missing_ok=True)
+    database.absolute().parent.mkdir(parents=True, exist_ok=True)
+    with held(database.with_name(f".{database.name}.making"), wait=True):
+        if not _is_made(database):  # by another process meanwhile
+            event.listen(Engine, "connect", _unsynced)
+            try:
+                with output_file(database) as temporary:
+                    MlflowClient(f"{_SQLITE}{temporary}").search_experiments(max_results=1)
+            finally:
+                event.remove(Engine, "connect", _unsynced)
+
+
+def _unsynced(connection: Any, record: Any) -> None:
+    connection.execute("PRAGMA synchronous = OFF")  # the file is synced once, when it is whole
 
 
 def _is_made(database: Path) -> bool:
     return database.exists() and database.stat().st_size > 0
-
-
-def _files(database: Path) -> list[Path]:
-    """SQLite's files."""
-    return [database.with_name(database.name + end) for end in ("", "-wal", "-shm", "-journal")]
 
 
 def find_experiment(client: MlflowClient, name: str) -> str | None:

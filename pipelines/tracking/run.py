@@ -1,8 +1,9 @@
 """Logging to MLflow: runs with their config, code, data, metrics, figures and files.
 
 Metrics are buffered: a run logs thousands of values in a few statements. A server that does not answer stops a command
-before its work begins. Where it goes away during the work, the run is logged once more, whole, in this folder's own
-store. MLflow is imported when the first run starts (1.5 s). `pipelines.tracking.runs` finds runs again.
+before its work begins. Where it goes away during the work, MLflow asks again for four minutes; then the command ends,
+and given again it goes on with what it has computed. MLflow is imported when the first run starts (1.5 s).
+`pipelines.tracking.runs` finds runs again.
 """
 
 from __future__ import annotations
@@ -10,19 +11,16 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import is_dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pipelines.cli.console import Console
 from pipelines.config.compose import as_plain, flatten
 from pipelines.execution.code_version import commit, version
 from pipelines.execution.interrupts import interrupted_later
-from pipelines.tracking.addresses import redacted
-from pipelines.tracking.mlflow_store import LOCAL, client, experiment_id, is_remote, local_client
+from pipelines.tracking.mlflow_store import at_once, client, experiment_id
 from pipelines.tracking.runs import CHECKPOINT, COMMAND_TAG, CONFIG, EXPERIMENT
 from tossid.versions import computing_versions
 
@@ -34,27 +32,14 @@ _PARAM_LENGTH = 6000
 _DIGEST_LENGTH = 36
 
 
-Call = Callable[["MlflowClient", str], object]
-"""One message of a run, sent by a client under an id."""
-
-
-def _log_batch(client: MlflowClient, run: str, **values: Any) -> None:
-    client.log_batch(run, **values)
-
-
 class TrackedRun:
     """A run that is going on. Made by `tracked_run`. resumed: it was begun earlier."""
 
-    def __init__(
-        self, client: MlflowClient, run_id: str, name: str, tags: Mapping[str, str], *, resumed: bool = False
-    ) -> None:
+    def __init__(self, client: MlflowClient, run_id: str, *, resumed: bool = False) -> None:
         self.id = run_id
-        self.name = name
-        self.tags = tags
         self.resumed = resumed
         self._client = client
         self._metrics: list[tuple[str, float, int, int]] = []
-        self._sent: list[Call] = []
 
     def metrics(self, values: Mapping[str, float], *, step: int = 0) -> None:
         """Log values at a step. Buffered; a curve is one call a step."""
@@ -76,8 +61,7 @@ class TrackedRun:
         from mlflow.entities import Metric
 
         while self._metrics:
-            batch = [Metric(*point) for point in self._metrics[:1000]]
-            self._send(partial(_log_batch, metrics=batch))
+            self._client.log_batch(self.id, metrics=[Metric(*point) for point in self._metrics[:1000]])
             del self._metrics[:1000]
 
     def params(self, values: Mapping[str, Any]) -> None:
@@ -86,12 +70,11 @@ class TrackedRun:
 
         params = [Param(name, _param(value)) for name, value in flatten(values).items()]
         for start in range(0, len(params), 100):
-            batch = params[start : start + 100]
-            self._send(partial(_log_batch, params=batch))
+            self._client.log_batch(self.id, params=params[start : start + 100])
 
     def tag(self, name: str, value: object) -> None:
         """Set a tag."""
-        self._send(lambda client, run: client.set_tag(run, name, str(value)))
+        self._client.set_tag(self.id, name, str(value))
 
     def describe(self, text: str, head: Sequence[str] = (), rows: Iterable[Sequence[str]] = ()) -> None:
         """Say what the run is and what it found, in Markdown and, where it has a head, a table: its page shows that."""
@@ -106,14 +89,14 @@ class TrackedRun:
         dataset = Dataset(Path(path).stem, sha256[:_DIGEST_LENGTH], "local", source)
         tags = {"mlflow.data.context": context, "sha256": sha256, "path": str(path)}
         given = DatasetInput(dataset, [InputTag(name, value) for name, value in tags.items()])
-        self._send(lambda client, run: client.log_inputs(run, [given]))
+        self._client.log_inputs(self.id, [given])
 
     def artifact(self, path: Path, *, folder: str | None = None) -> None:
         """Copy a file (or a folder with its files) to the run's artifacts."""
         if path.is_dir():
-            self._send(lambda client, run: client.log_artifacts(run, str(path), folder or path.name))
+            self._client.log_artifacts(self.id, str(path), folder or path.name)
         else:
-            self._send(lambda client, run: client.log_artifact(run, str(path), folder))
+            self._client.log_artifact(self.id, str(path), folder)
 
     def checkpoint(self, path: Path) -> None:
         """Copy the run's checkpoint to its artifacts, under the name that `find_run` looks for."""
@@ -123,38 +106,7 @@ class TrackedRun:
 
     def text(self, text: str, name: str) -> None:
         """Log a text (Markdown, YAML, JSON) as an artifact."""
-        self._send(lambda client, run: client.log_text(run, text, name))
-
-    def end(self, status: str) -> None:
-        """Say how the run ended."""
-        now = int(time.time() * 1000)
-        self._send(lambda client, run: client.set_terminated(run, status, now))
-
-    def _send(self, call: Call) -> None:
-        from mlflow.exceptions import MlflowException
-
-        try:
-            call(self._client, self.id)
-        except MlflowException as error:
-            if not is_remote(self._client):
-                raise
-            self._go_on_here(redacted(str(error).partition("\n")[0]))
-            call(self._client, self.id)
-        self._sent.append(call)
-
-    def _go_on_here(self, problem: str) -> None:
-        """Log the run once more, in this folder's own store, with all that was sent to a server that is lost."""
-        lost, tags, self._client = self.id, dict(self.tags), local_client()
-        created = self._client.create_run(experiment_id(self._client, EXPERIMENT), tags=tags, run_name=self.name)
-        self.id = created.info.run_id
-        for call in self._sent:
-            with suppress(OSError):  # an artifact that the command has moved to its place since
-                call(self._client, self.id)
-        whole = "with all that this command has logged" if self.resumed else "whole"
-        Console().warn(
-            f"the tracking server does not take run {self.name} any more ({problem}); {LOCAL} has it as {self.id}, "
-            f"{whole}. 'export-run' and 'import-run' of mlflow-export-import take it to the server, in place of {lost}"
-        )
+        self._client.log_text(self.id, text, name)
 
 
 @contextmanager
@@ -191,46 +143,41 @@ def tracked_run(
     all_tags |= {"mlflow.source.name": f"tossid {command}", "mlflow.source.type": "LOCAL", "mlflow.user": _user()}
     if parent is not None:
         all_tags["mlflow.parentRunId"] = parent.id if isinstance(parent, TrackedRun) else parent
-    run = _left(store, resume, all_tags)
+    run = _left(store, resume)
     if run is None:
-        created = store.create_run(experiment, tags=all_tags, run_name=name)
-        run = TrackedRun(store, created.info.run_id, name, all_tags)
-    status = "FAILED"
+        run = TrackedRun(store, store.create_run(experiment, tags=all_tags, run_name=name).info.run_id)
     try:
         if not run.resumed:
             run.text(yaml.safe_dump(plain, sort_keys=False, allow_unicode=True), CONFIG)
             run.params(plain)
         yield run
         run.flush()
-        status = "FINISHED"
-    except (KeyboardInterrupt, GeneratorExit):
-        status = "KILLED"
+    except BaseException as error:
+        status = "KILLED" if isinstance(error, (KeyboardInterrupt, GeneratorExit)) else "FAILED"
+        # This error is the one to report, and a server that is lost is not waited for again.
+        with interrupted_later(), at_once():
+            with suppress(Exception):
+                run.flush()
+            with suppress(Exception):
+                store.set_terminated(run.id, status)
         raise
-    finally:
-        with interrupted_later():  # a run whose end is not logged is left as if it were running
-            if status == "FINISHED":
-                run.end(status)
-            else:
-                with suppress(Exception):  # the first error is the one to report
-                    run.flush()
-                with suppress(Exception):
-                    run.end(status)
+    with interrupted_later():  # a run whose end is not logged is left as if it were running
+        store.set_terminated(run.id, "FINISHED")
 
 
-def _left(store: MlflowClient, run_id: str | None, tags: Mapping[str, str]) -> TrackedRun | None:
+def _left(store: MlflowClient, run_id: str | None) -> TrackedRun | None:
     """A run that was left, running again; None where the store does not have it."""
     from mlflow.exceptions import MlflowException
 
     if run_id is None:
         return None
     try:
-        record = store.get_run(run_id)
-        if record.info.lifecycle_stage != "active":
+        if store.get_run(run_id).info.lifecycle_stage != "active":
             return None
         store.update_run(run_id, status="RUNNING")
     except MlflowException:
         return None
-    return TrackedRun(store, run_id, record.info.run_name, tags, resumed=True)
+    return TrackedRun(store, run_id, resumed=True)
 
 
 def _user() -> str:

@@ -112,10 +112,21 @@ def test_a_spoilt_friction_is_found_in_the_users_mujoco_model_and_the_patch_work
 
 
 @pytest.mark.slow
-def test_a_trained_run_is_diagnosed(beside: Path, made: Path, answer: Any) -> None:
+def test_a_trained_run_is_diagnosed_and_the_report_stays_where_the_tracker_is_lost(
+    beside: Path, made: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from mlflow import MlflowClient
+    from mlflow.exceptions import MlflowException
+
+    def lost(*_: object) -> None:
+        raise MlflowException("Connection refused")
+
     shutil.copytree(made / "outputs", beside / "outputs")
     (folder,) = (beside / "outputs" / "train").iterdir()
-    found = answer("diagnose", "data=tosses", "sim=run", f"sim.path={folder}", FEW, "repeats=0")
+    monkeypatch.setattr(MlflowClient, "set_tag", lost)
+    words = ["diagnose", "data=tosses", "sim=run", f"sim.path={folder}", "out=gap", FEW, "repeats=0", "--quiet"]
+    assert app.run(words) == 1
+    found = json.loads((beside / "gap" / "gap.json").read_text())
     assert found["simulator"]["sim"] == "run"
     assert "residual" in found["patch"]["not_expressed"]
 

@@ -1,4 +1,4 @@
-"""The store of runs: its tables are made once, also on network file systems and without `flock`; servers away."""
+"""The store of runs: its tables are made once, whole or not at all; servers away, damaged files."""
 
 from __future__ import annotations
 
@@ -10,42 +10,10 @@ from typing import Any
 import pytest
 
 from pipelines.cli import app
-from pipelines.tracking import mlflow_store
-from pipelines.tracking.mlflow_store import _making, client, experiment_id, is_remote
+from pipelines.tracking.mlflow_store import client, experiment_id
 from pipelines.tracking.run import tracked_run
-from tests.pipelines.conftest import one_line, stored_run
+from tests.pipelines.conftest import one_line
 from tests.pipelines.processes import free_port
-
-
-def journal_of(database: Path) -> str:
-    with closing(sqlite3.connect(database)) as store:
-        return str(store.execute("PRAGMA journal_mode").fetchone()[0])
-
-
-@pytest.mark.parametrize(("shared", "journal"), [("nfs4", "delete"), (None, "wal")])
-def test_a_network_file_system_gets_a_rollback_journal(
-    project: Path, monkeypatch: pytest.MonkeyPatch, shared: str | None, journal: str
-) -> None:
-    monkeypatch.setattr(mlflow_store, "network_file_system", lambda path: shared)
-    with tracked_run("there", {}, command="train") as run:
-        run.metrics({"loss": 1.0}, step=1)
-    assert stored_run(run.id).data.metrics == {"loss": 1.0}
-    assert journal_of(project / "mlflow.db") == journal
-
-
-def test_a_network_file_system_is_known_by_its_mount(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    mounts = f"/dev/vda / ext4 rw 0 0\nlab:/data {tmp_path}/a\\040b nfs4 rw 0 0\n"
-    read = Path.read_text
-    monkeypatch.setattr(Path, "read_text", lambda self: mounts if self.name == "mounts" else read(self))
-    assert mlflow_store.network_file_system(tmp_path / "a b" / "not" / "there.db") == "nfs4"
-    assert mlflow_store.network_file_system(tmp_path / "a") is None
-
-
-def test_the_doctor_names_the_file_system(project: Path, answer: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mlflow_store, "network_file_system", lambda path: "nfs4")
-    (found,) = [each for each in answer("doctor")["findings"] if each["what"] == "MLflow"]
-    assert "it lies on nfs4" in found["advice"]
-    assert "docs/guide/server.md" in found["advice"]
 
 
 @pytest.mark.parametrize(
@@ -56,8 +24,7 @@ def test_a_server_that_is_not_there_is_named_without_its_password(
 ) -> None:
     if kind.startswith("postgresql"):
         pytest.importorskip("psycopg2", reason="psycopg2 is an extra: pip install -e '.[server]'")
-    for name, value in mlflow_store._HTTP_AT_ONCE.items():
-        monkeypatch.setenv(f"MLFLOW_HTTP_REQUEST_{name}", value)
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
     monkeypatch.setenv("MLFLOW_TRACKING_URI", kind.replace("PORT", str(free_port())))
     assert app.run(["evaluate", "--debug"]) == 2
     said = capfd.readouterr().err
@@ -81,23 +48,26 @@ def test_a_password_that_is_not_encoded_is_refused(
     assert "%40 and %2F" in line
 
 
-def test_a_store_appears_whole_or_not_at_all(tmp_path: Path) -> None:
-    database = tmp_path / "mlflow.db"
-    with pytest.raises(KeyboardInterrupt), _making(database):
-        database.write_bytes(b"half a store")
-        raise KeyboardInterrupt
-    assert list(tmp_path.iterdir()) == []
-    database.write_bytes(b"half a store")  # and here the process was killed
-    database.with_suffix(".making").write_bytes(b"making")
-    with _making(database):
-        assert not database.exists()
-        database.write_bytes(b"whole")
-    with pytest.raises(ValueError, match="of the caller"), _making(database):
-        raise ValueError("of the caller")
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {
-        "mlflow.db": b"whole",
-        "mlflow.db.unfinished": b"half a store",
-    }
+def test_a_store_appears_whole_or_not_at_all_and_opens_as_training_of_models(
+    project: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from mlflow import MlflowClient
+
+    Path(".mlflow.tmp-1-00000000.db").write_bytes(b"half a store, of a process that was killed")
+    with monkeypatch.context() as patch:
+        patch.setattr(MlflowClient, "search_experiments", _interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            client()
+    assert [path.name for path in project.iterdir() if path.suffix == ".db"] == []
+    store = client()
+    made = [experiment_id(store, name) for name in ("tossid", "another", "tossid")]
+    assert made[0] == made[2] != made[1]
+    for each in made:
+        assert store.get_experiment(each).tags["mlflow.experimentKind"] == "custom_model_development"
+
+
+def _interrupt(*_: object, **__: object) -> None:
+    raise KeyboardInterrupt
 
 
 def _other_version(database: Path) -> None:
@@ -121,19 +91,17 @@ def _folder_instead(database: Path) -> None:
     ],
 )
 def test_a_store_that_cannot_be_opened_is_named(
-    store: Path, project: Path, capfd: pytest.CaptureFixture[str], harm: Any, says: str
+    beside: Path, capfd: pytest.CaptureFixture[str], harm: Any, says: str
 ) -> None:
-    with closing(sqlite3.connect(store / "mlflow.db")) as made, closing(sqlite3.connect("mlflow.db")) as copy:
-        made.backup(copy)
-    harm(project / "mlflow.db")
+    harm(beside / "mlflow.db")
     assert app.run(["evaluate"]) == 2
     said = one_line(capfd.readouterr().err)
-    assert said.startswith(f"tossid evaluate: {project / 'mlflow.db'}: ")
+    assert said.startswith(f"tossid evaluate: {beside / 'mlflow.db'}: ")
     assert says in said
 
 
 def test_what_is_deleted_while_a_command_works_is_no_bug(
-    project: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    beside: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def deleted_meanwhile(*_: object, **__: object) -> None:
         with tracked_run("there", {}, command="train") as run:
@@ -146,13 +114,3 @@ def test_what_is_deleted_while_a_command_works_is_no_bug(
     assert "MLflow's store refuses (" in said
     assert "must be in the 'active' state" in said
     assert "The command can be run again" in said
-
-
-def test_an_experiment_is_made_once_and_the_page_opens_it_as_training_of_models(project: Path) -> None:
-    store = client()
-    assert not is_remote(store)
-    store.create_experiment("tossid")  # as an earlier version made it
-    made = [experiment_id(store, name) for name in ("tossid", "another", "tossid")]
-    assert made[0] == made[2] != made[1]
-    for each in made:
-        assert store.get_experiment(each).tags["mlflow.experimentKind"] == "custom_model_development"

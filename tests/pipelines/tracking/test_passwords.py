@@ -51,16 +51,16 @@ ENCODED = "s3%40cr%2Fet-9f3a"
 PLANTED = (b"et-9f3a", b"s3@cr", b"s3%40cr")
 """Parts that would give it away, in the forms that it may take."""
 UNDER_WAY = """
-import time
+import sys, time
+from pipelines.cli.failures import guarded
 from pipelines.tracking.run import tracked_run
-with tracked_run("cut", {"seed": 1}, command="train") as run:
-    run.metrics({"loss": 1.0}, step=1)
-    run.flush()
-    open("ready", "w").close()
-    while open("ready").read() != "go":
-        time.sleep(0.1)
-    run.metrics({"loss": 0.5}, step=2)
-    run.tag("note", "later")
+def work():
+    with tracked_run("cut", {"seed": 1}, command="train") as run:
+        open("ready", "w").close()
+        while open("ready").read() != "go":
+            time.sleep(0.1)
+        run.tag("note", "later")
+sys.exit(guarded(work, "work"))
 """
 
 
@@ -105,7 +105,7 @@ def test_no_command_tells_the_password(beside: Path, tmp_path_factory: pytest.Te
             server.stop()
             (beside / "ready").write_text("go")
             said["a run whose server dies"] = running.communicate(timeout=120)[1]
-        assert b"export-run" in said["a run whose server dies"]
+        assert b"MLflow's store refuses" in said["a run whose server dies"]
         tossid("doctor")
         tossid("train", "model=cn", "epochs=1", "data=tosses", "--debug", code=2)
     finally:

@@ -1,20 +1,21 @@
-"""One tracking server for several people: nothing that is logged is lost when it goes away."""
+"""One tracking server for several people: nothing is lost when it goes away."""
 
 from __future__ import annotations
 
+import itertools
 import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
-from mlflow import MlflowClient
 
-from pipelines.tracking import run as run_module
+from pipelines.cli import app
 from pipelines.tracking.mlflow_store import client
-from pipelines.tracking.runs import find_run
-from tests.pipelines.conftest import metric_history, one_line, stored_run
+from pipelines.tracking.runs import find_run, find_runs
+from tests.pipelines.conftest import KEYS, metric_history, one_line, stored_run
 from tests.pipelines.processes import Server, address, postgres, wait_for
 
 LOGGING = """
@@ -58,10 +59,10 @@ def test_the_containers_know_the_password_from_a_file_and_install_nothing_when_t
 
 
 @pytest.mark.slow
-def test_eight_runs_and_a_server_that_is_stopped_in_the_middle(
+def test_eight_runs_and_a_server_that_is_started_again_in_the_middle(
     project: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """8 runs of 1,000 points each on PostgreSQL; the server goes down: every point of each is here, once."""
+    """8 runs of 1,000 points each on PostgreSQL; the server goes down and comes back: every point is there, once."""
     place = tmp_path_factory.mktemp("server")
     with postgres() as database:
         server = Server(place, database)
@@ -72,50 +73,43 @@ def test_eight_runs_and_a_server_that_is_stopped_in_the_middle(
             runs = [subprocess.Popen([sys.executable, "-c", LOGGING, name, "2"], cwd=project) for name in names]
             assert wait_for(lambda: sum(int(path.read_text() or 0) for path in project.glob("*.step")) >= 1600, 300)
             server.stop()
+            server.start()
             assert [run.wait(300) for run in runs] == [0] * 8
+            for name in names:
+                record = stored_run(find_run(name).id)
+                assert record.info.status == "FINISHED"
+                points = metric_history(record.info.run_id, "loss")
+                assert Counter(step for step, _ in points) == Counter(range(1, 1001))
+                files = {item.path for item in client().list_artifacts(record.info.run_id)}
+                assert files == {"config.yaml", f"{name}.txt"}
         finally:
             server.stop()
-    monkeypatch.delenv("MLFLOW_TRACKING_URI")
-    for name in names:
-        record = find_run(name)
-        assert stored_run(record.id).info.status == "FINISHED"
-        assert Counter(step for step, _ in metric_history(record.id, "loss")) == Counter(range(1, 1001))
-        assert (record.folder / f"{name}.txt").read_text() == f"an artifact of {name}"
 
 
-def test_a_run_whose_server_is_lost_is_whole_in_this_folders_store(
-    project: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+def test_a_training_whose_server_is_lost_ends_and_goes_on_in_its_run(
+    beside: Path, made: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], answer: Any
 ) -> None:
-    """A stand-in for a server: a store that says it is one, and takes nothing after the first flush."""
+    from mlflow import MlflowClient
     from mlflow.exceptions import MlflowException
 
-    server, taken = client(), []
-    monkeypatch.setattr(run_module, "client", lambda: server)
-    monkeypatch.setattr(run_module, "is_remote", lambda store: store is server)
-    local = MlflowClient("sqlite:///here.db")
-    monkeypatch.setattr(run_module, "local_client", lambda: local)
-    (project / "note.txt").write_text("a note")
-    with run_module.tracked_run("cut", {"seed": 1}, command="train", tags={"kind": "lost"}) as run:
-        run.metrics({"loss": 1.0}, step=1)
-        run.artifact(project / "note.txt")
-        run.flush()
-        taken.append(run.id)
+    log, batches = MlflowClient.log_batch, itertools.count()
 
-        def lost(*_: object, **__: object) -> None:
+    def lost(*args: Any, **more: Any) -> None:
+        if next(batches) > 2:
             raise MlflowException("API request to http://ann:secret@lab:5000 failed: Connection refused")
+        log(*args, **more)
 
-        for name in ("log_batch", "set_tag", "set_terminated"):
-            monkeypatch.setattr(server, name, lost)
-        run.metrics({"loss": 0.5}, step=2)
-        run.tag("verdict", "whole")
-    assert run.id != taken[0]
-    found = local.get_run(run.id)
-    assert (found.info.status, found.info.run_name) == ("FINISHED", "cut")
-    assert found.data.params == {"seed": "1"}
-    assert {"kind": "lost", "verdict": "whole", "tossid.command": "train"}.items() <= found.data.tags.items()
-    assert [(p.step, p.value) for p in local.get_metric_history(run.id, "loss")] == [(1, 1.0), (2, 0.5)]
-    assert {item.path for item in local.list_artifacts(run.id)} == {"config.yaml", "note.txt"}
+    monkeypatch.setattr("pipelines.tracking.run._BUFFER", 20)
+    with monkeypatch.context() as patch:
+        patch.setattr(MlflowClient, "log_batch", lost)
+        assert app.run(["train", *KEYS, "data=tosses", "--quiet"]) == 1
     said = one_line(capfd.readouterr().err)
-    assert "export-run" in said
-    assert run.id in said
+    assert "Connection refused" in said
+    assert "can be run again" in said
     assert "secret" not in said
+    left = next(run.info.run_id for run in find_runs(command="train") if run.info.status == "FAILED")
+    assert answer("train", *KEYS, "data=tosses")["run"] == left
+    assert stored_run(left).info.status == "FINISHED"
+    steps = [step for step, _ in metric_history(left, "continuous/train")]
+    (before,) = [run.info.run_id for run in find_runs(command="train") if run.info.run_id != left]
+    assert steps == [step for step, _ in metric_history(before, "continuous/train")]
