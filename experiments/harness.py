@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pipelines.cli.console import Console
-from pipelines.config.schemas.launching import ProcessesLauncher
+from pipelines.config.schemas import ProcessesLauncher
 from pipelines.execution.workers import submitting
 from tossid.errors import TossidError
 from tossid.parallel import as_done

@@ -9,13 +9,8 @@ from the tosses alone, without the file.
 from __future__ import annotations
 
 import argparse
-import resource
 import secrets
 import sys
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,42 +37,11 @@ MASS = 0.37
 """Of the cube [kg]: all that the learned model is given."""
 
 
-@dataclass
-class Steps:
-    """What each step takes.
-
-    Attributes:
-        console: What a person sees.
-        rows: Name, elapsed seconds, and seconds of processor time, of this process and those that it started.
-    """
-
-    console: Console
-    rows: list[tuple[str, float, float]] = field(default_factory=list)
-
-    @contextmanager
-    def timed(self, name: str) -> Iterator[None]:
-        """Say how long the block takes, and keep it.
-
-        Args:
-            name: What it does.
-        """
-        elapsed, processor = time.perf_counter(), processor_seconds()
-        yield
-        self.rows.append((name, time.perf_counter() - elapsed, processor_seconds() - processor))
-        self.console.say(f"-- {name}: {self.rows[-1][1]:.0f} s, {self.rows[-1][2]:.0f} s of processor time")
-
-    def command(self, name: str, *keys: str) -> dict[str, Any]:
-        """Run a command of tossid as a person would, timed; returns what it says with --json."""
-        self.console.say(f"\n$ tossid {name} {' '.join(keys)}".rstrip())
-        with self.timed(name):
-            result: dict[str, Any] = call_with_keys(name, keys, json=False, quiet=False)
-        return result
-
-
-def processor_seconds() -> float:
-    """Processor time of this process and of those that it started and that have ended."""
-    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(each.ru_utime + each.ru_stime for each in used)
+def command(console: Console, name: str, *keys: str) -> dict[str, Any]:
+    """Run a command of tossid as a person would; returns what it says with --json."""
+    console.say(f"\n$ tossid {name} {' '.join(keys)}".rstrip())
+    result: dict[str, Any] = call_with_keys(name, keys, json=False, quiet=False)
+    return result
 
 
 def main() -> None:
@@ -87,32 +51,27 @@ def main() -> None:
     seed = parser.parse_args().seed
     seed = secrets.randbelow(10**6) if seed is None else seed
     console, sealed = Console(), Sealed.drawn(seed)
-    steps = Steps(console)
     simulator = stated_simulator(FOLDER / "cube.xml")
     console.say(f"Something is wrong with {simulator}. What it is is sealed: SHA-256 {sealed.sha256}")
 
     console.say(
         f"\nA cube unlike that of {simulator} is tossed {WORLD.tosses} times in MuJoCo, and filmed (seed {seed})."
     )
-    with steps.timed("film"), logged(console), console.shares("tossing and filming") as progress:
+    with logged(console), console.shares("tossing and filming") as progress:
         film(sealed, seed, RECORDING, progress=lambda _, share: progress("", share))
     # a shape needs every toss that it can get: most are trained on
     read = ("source=frames", f"source.path={RECORDING}", "object=cube", "splits=[0.7,0.15,0.15]")
-    steps.command("ingest", *read, f"out={DATASET}")
-    gap = steps.command("diagnose", f"data={DATASET}", "sim=mjcf", f"sim.path={simulator}", f"out={FOLDER / 'gap'}")
+    command(console, "ingest", *read, f"out={DATASET}")
+    gap = command(console, "diagnose", f"data={DATASET}", "sim=mjcf", f"sim.path={simulator}", f"out={FOLDER / 'gap'}")
     seal = Opened.of(sealed, gap)
     console.say(f"\nThe seal is opened: {sealed.text}")
     console.table(["", "in cube.xml", "sealed truth", "found (95 %)"], [seal.row])
     console.say(judgement(seal))
 
     keys = ("model=cnrpi", f"data={DATASET}", "object=unknown", f"object.mass={MASS}")
-    trained = steps.command("train", *keys)
-    scores = steps.command("evaluate")
-    with steps.timed("page"):
-        page = write_page(seal, gap, trained, scores, steps.rows)
-    rows = [*steps.rows, ("all", sum(row[1] for row in steps.rows), sum(row[2] for row in steps.rows))]
-    console.table(["step", "seconds", "of processor time"], [[name, *(f"{x:.0f}" for x in t)] for name, *t in rows])
-    console.say(f"Open {page}")
+    trained = command(console, "train", *keys)
+    scores = command(console, "evaluate")
+    console.say(f"Open {write_page(seal, gap, trained, scores)}")
 
 
 def film(sealed: Sealed, seed: int, recording: Path, *, progress: Progress | None = None) -> None:

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 from experiments.harness import markdown
 from pipelines.cli.call import call_with_keys
-from pipelines.cli.console import Console
+from pipelines.cli.console import Console, reported
 from pipelines.cli.failures import guarded
-from pipelines.cli.progress import reported
 from pipelines.config.compose import load
 from pipelines.config.schemas import IngestConfig
 from pipelines.files.open_source import open_stage

@@ -1,22 +1,22 @@
 """The command line: Typer for commands and options, `pipelines.config.compose` for keys.
 
 To add a command: a schema in `pipelines.config.schemas` (and in its `COMMANDS`), its
-values in `conf/NAME.yaml`, `run(config, console) -> dict` in
-`pipelines/commands/NAME.py`, and a line here. Nothing heavy is imported before a
-command runs.
+values in `conf/NAME.yaml`, and `run(config, console) -> dict` in
+`pipelines/commands/NAME.py`. Nothing heavy is imported before a command runs.
 """
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from pipelines.cli.help import KeyedCommand
+from pipelines.cli.help import KeyedCommand, complete_keys
+from pipelines.config.schemas import COMMANDS
 
 app = typer.Typer(
     name="tossid",
@@ -32,15 +32,9 @@ _QUIET = {"OPENCV_LOG_LEVEL": "OFF", "OPENCV_FFMPEG_LOGLEVEL": "-8"}
 """So that OpenCV says nothing on standard error about a damaged image or video, of which the command says it."""
 
 
-def _complete(ctx: typer.Context, incomplete: str) -> Iterator[tuple[str, str]]:
-    from pipelines.cli.completion import complete_keys
-
-    return complete_keys(ctx, incomplete)
-
-
 Keys = Annotated[
     list[str] | None,
-    typer.Argument(metavar="KEY=VALUE", help="Values to set.", show_default=False, autocompletion=_complete),
+    typer.Argument(metavar="KEY=VALUE", help="Values to set.", show_default=False, autocompletion=complete_keys),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output, nothing else.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No tables and no progress; warnings and errors remain.")]
@@ -64,30 +58,16 @@ def _tossid(
     pass
 
 
-def _takes_keys(name: str, about: str) -> None:
-    """Add a command that takes keys and no options of its own.
-
-    Args:
-        name: Of the command, and of its schema.
-        about: What it does, for help pages.
-    """
+def _takes_keys(name: str) -> Callable[..., None]:
+    """A command that takes keys and no options of its own."""
 
     def command(keys: Keys = None, json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
-        _run(name, keys, json=json, quiet=quiet)
+        _run(name, keys or [], json=json, quiet=quiet)
 
-    app.command(name, help=about, cls=KeyedCommand)(command)
-
-
-_takes_keys("synthesize", "Make tosses with a simulator, and camera frames of them, with their truth beside.")
-_takes_keys("ingest", "Turn raw recordings, tracked poses or published tosses into a dataset.")
-_takes_keys("detect", "Find the tags in a recording's frames (first stage of ingest).")
-_takes_keys("track", "Estimate the object's poses from detected tags (second stage of ingest).")
-_takes_keys("segment", "Cut tracked poses into tosses and write the dataset (third stage of ingest).")
-_takes_keys("train", "Fit a model to a dataset; an interrupted training goes on where it was.")
+    return command
 
 
-@app.command(cls=KeyedCommand)
-def evaluate(
+def _evaluate(
     keys: Keys = None,
     sweep: Annotated[
         str | None,
@@ -97,18 +77,12 @@ def evaluate(
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Roll a trained model out on held-out tosses and measure its errors; or run a study, with --sweep."""
     _run("evaluate", [*(keys or []), *([f"sweep={sweep}"] if sweep is not None else [])], json=json, quiet=quiet)
 
 
-_takes_keys("register", "Put a trained model under a name in MLflow's registry.")
-_takes_keys(
-    "diagnose", "Say where a simulator misses the tosses, which effect causes it, and how far that closes the gap."
-)
-_takes_keys("audit", "Check diagnose on tosses whose effect is withheld from it.")
-_takes_keys("export", "Write a learned model as MJCF or URDF, and compare MuJoCo's rollouts of it with tossid's.")
-_takes_keys("view", "Show a recording, dataset, run or gap in 3D (a Rerun file), or a recording as a contact sheet.")
-_takes_keys("new-object", "Make an object from a box, with a tag on each face and a sheet to print the tags from.")
+for _name, _schema in COMMANDS.items():
+    _command = _evaluate if _name == "evaluate" else _takes_keys(_name)
+    app.command(_name, help=_schema.__doc__, cls=KeyedCommand)(_command)
 
 
 @app.command()
@@ -136,11 +110,11 @@ def info(
     call("info", InfoRequest(file, figure), json=json, quiet=quiet)
 
 
-def _run(command: str, keys: list[str] | None, *, json: bool, quiet: bool) -> None:
+def _run(command: str, keys: list[str], *, json: bool, quiet: bool) -> None:
     """Compose the command's config, run it, print its result."""
     from pipelines.cli.call import call_with_keys
 
-    call_with_keys(command, keys or [], json=json, quiet=quiet)
+    call_with_keys(command, keys, json=json, quiet=quiet)
 
 
 def main(args: list[str] | None = None) -> None:
@@ -150,13 +124,16 @@ def main(args: list[str] | None = None) -> None:
 
 def run(args: list[str]) -> int:
     """Run a command line; returns the exit code."""
-    from pipelines.cli.failures import interruptible, report
+    from pipelines.cli.failures import INTERRUPTED, Interrupted, report
+    from pipelines.execution.process import interruptible
 
     for name, value in _QUIET.items():
         os.environ.setdefault(name, value)
     try:
         with interruptible():
             code = app(args=args, prog_name="tossid", standalone_mode=False)
+        if code == INTERRUPTED:  # Typer makes Ctrl-C a bare exit code
+            return report(Interrupted(), args)
         return code if isinstance(code, int) else 0
     except (Exception, KeyboardInterrupt) as error:
         return report(error, args)

@@ -8,11 +8,10 @@ import logging
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from typing import Any
 
 from pipelines.cli.console import Console
-from pipelines.cli.failures import Interrupted
 from pipelines.tracking.addresses import redacted
 from tossid.plain_json import jsonable
 
@@ -22,15 +21,14 @@ def call_with_keys(command: str, keys: Sequence[str], *, json: bool, quiet: bool
     from pipelines.config.compose import load
     from pipelines.config.schemas import COMMANDS
 
-    with _uninterrupted():
-        config: object = load(command, COMMANDS[command], keys)
+    config: object = load(command, COMMANDS[command], keys)
     return call(command, config, json=json, quiet=quiet)
 
 
 def call(command: str, argument: Any, *, json: bool, quiet: bool) -> Any:
     """Run `pipelines.COMMAND.run(argument, console)`, print its result if `json`, and return it."""
     console = Console(quiet=quiet)
-    with _uninterrupted(), guarded_stdout(), logged(console):
+    with guarded_stdout(), logged(console):
         result = _runner(command)(argument, console)
     if json:
         print(jsonlib.dumps(_redacted(jsonable(result)), indent=2, allow_nan=False), flush=True)  # noqa: T201
@@ -56,14 +54,12 @@ def _runner(command: str) -> Callable[[Any, Console], Any]:
 def guarded_stdout() -> Iterator[None]:
     """Send everything printed on standard output, by C libraries too, to standard error."""
     sys.stdout.flush()
-    before = sys.stdout
     kept = os.dup(1)
     os.dup2(2, 1)
-    sys.stdout = sys.stderr
     try:
-        yield
+        with redirect_stdout(sys.stderr):
+            yield
     finally:
-        sys.stdout = before
         os.dup2(kept, 1)
         os.close(kept)
 
@@ -100,12 +96,3 @@ class _Lines(logging.Handler):
         if text not in self._said:
             self._said.add(text)
             (self._console.say if record.levelno < logging.WARNING else self._console.warn)(text)
-
-
-@contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Carry Ctrl-C past Typer, which would turn it into a bare exit code."""
-    try:
-        yield
-    except KeyboardInterrupt as error:
-        raise Interrupted from error

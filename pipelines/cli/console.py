@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Protocol
 
 from pipelines.tracking.addresses import redacted
@@ -13,6 +13,8 @@ from tossid.html import number_words
 
 if TYPE_CHECKING:
     from rich.console import Console as RichConsole
+
+    from tossid.ingestion.progress import Progress as Report
 
 
 class Progress(Protocol):
@@ -122,29 +124,48 @@ class Console:
 
     @contextmanager
     def shares(self, what: str) -> Iterator[Callable[[str, float], None]]:
-        """A callback for the library that shows what is under way and which share is done, while the block lasts.
-
-        A share that is much less than before says that work begins again.
-        """
+        """A callback for the library that shows what is under way and which share is done, while the block lasts."""
         done = 0.0
         with self.progress(what, 100, unit="%") as bar:
 
             def report(text: str, share: float) -> None:
                 nonlocal done
-                more = 100 * share - done
-                more = 0.0 if -_BEGINS_AGAIN < more < 0 else more
-                bar.advance(more, note=text)
-                done += more
+                bar.advance(100 * share - done, note=text)
+                done = 100 * share
 
             yield report
+
+
+@contextmanager
+def reported(console: Console) -> Iterator[Callable[[Report], None]]:
+    """A callback for the library that shows messages as lines and counted steps as progress, while the block lasts.
+
+    Args:
+        console: What a person sees.
+
+    Yields:
+        Takes a report. The bar of a stage is shown until another stage counts.
+    """
+    with ExitStack() as shown:
+        bars: dict[str, Progress] = {}
+
+        def show(report: Report) -> None:
+            if report.message:
+                (console.warn if report.is_problem else console.say)(report.message)
+                return
+            if report.stage not in bars:
+                shown.close()  # one bar at a time
+                bars.clear()
+                bars[report.stage] = shown.enter_context(console.progress(report.stage, report.total, unit=report.unit))
+            bars[report.stage].advance(report.done)
+
+        yield show
 
 
 _LONGEST_WORD = 48
 """Letters of a word of a table that is not wrapped."""
 _WIDE = 160
 """Width of a table where no terminal limits it."""
-_BEGINS_AGAIN = 10.0
-"""Points of a hundred by which a share falls where work begins again."""
 
 
 class _Bar:
@@ -160,16 +181,14 @@ class _Lines:
 
     def __init__(self, console: Console, what: str, total: float | None, unit: str) -> None:
         self._console, self._what, self._total, self._unit = console, what, total, unit
-        self._done = self._before = 0.0
-        self._start = self._last = self._begun = time.monotonic()
+        self._done = 0.0
+        self._start = self._last = time.monotonic()
         self._note = ""
 
     def advance(self, count: float = 1, *, note: str = "") -> None:
         self._done += count
         self._note = note or self._note
         now = time.monotonic()
-        if count < 0:
-            self._begun, self._before = now, self._done
         if now - self._last >= self._console.interval:
             self._last = now
             self._console.say(self._line(now))
@@ -184,8 +203,8 @@ class _Lines:
 
     def _line(self, now: float) -> str:
         line = f"{self._what}: {self._count()}"
-        if self._total and self._done > self._before:
-            left = (now - self._begun) * (self._total - self._done) / (self._done - self._before)
+        if self._total and self._done > 0:
+            left = (now - self._start) * (self._total - self._done) / self._done
             line += f", about {max(left, 0):.0f} s left"
         return f"{line}, {self._note}" if self._note else line
 

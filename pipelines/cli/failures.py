@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
-import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
-from types import FrameType
 
 import typer
 
+from pipelines.execution.process import interruptible
 from pipelines.tracking.addresses import redacted
 from tossid.errors import TossidError
 
@@ -32,26 +30,6 @@ class Interrupted(Exception):
 
     Raised in place of KeyboardInterrupt once the command has cleaned up, with what it leaves, if that is anything.
     """
-
-
-@contextmanager
-def interruptible() -> Iterator[None]:
-    """Let SIGTERM and a closed terminal stop a command as Ctrl-C does, so that it cleans up."""
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    signals = [signal.SIGTERM] + ([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])
-    before = {}
-    if threading.current_thread() is threading.main_thread():
-        for number in signals:
-            if signal.getsignal(number) == signal.SIG_DFL:
-                before[number] = signal.signal(number, stop)
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def guarded(work: Callable[[], object], name: str) -> int:
@@ -141,40 +119,20 @@ def _causes(error: BaseException | None) -> Iterator[BaseException]:
 
 
 def _usage(error: typer.TyperException, args: list[str]) -> str:
-    """Typer's own errors, with a suggestion."""
-    from pipelines.cli.help import command_names
-    from pipelines.config.keys import nearest
-
-    message = error.format_message().rstrip(".")
-    option = getattr(error, "option_name", "")
-    if message.startswith("No such command"):
-        near = nearest(args[0], command_names())
-        hint = f"Did you mean '{near}'?" if near else f"There are {', '.join(command_names())}."
-        return f"{args[0]}: no such command. {hint}"
-    if option and message.startswith("No such option"):
-        return f"{option}: no such option.{_option_hint(str(option), args[0])}"
-    return _one_line(message)
-
-
-def _option_hint(option: str, command: str) -> str:
-    """What may have been meant by an option that a command, or tossid before any command, does not have."""
+    """Typer's own errors, which name what is near; and keys and options that stand where Typer does not look."""
     from pipelines.cli.help import command_keys, command_names
     from pipelines.config.keys import nearest
 
-    if option == "--version":
-        return " It stands alone: tossid --version."
-    if command not in command_names():
-        if option in _OPTIONS:
-            return f" It stands after a command: tossid COMMAND {option}."
-        near = nearest(option, ["--version", "--help"])
-        return f" Did you mean '{near}'?" if near else ""
-    word = option.lstrip("-").partition("=")[0]
-    keys = command_keys(command)
-    if word in keys:
-        return f" Keys are given without dashes: {word}=…"
-    near = nearest(option, [*_OPTIONS, "--help", *(["--sweep"] if command == "evaluate" else [])])
-    key = nearest(word, keys)
-    return f" Did you mean '{near}'?" if near else f" Did you mean the key {key}=…?" if key else ""
+    message = _one_line(error.format_message())
+    if message.startswith("No such command") and "Did you mean" not in message:
+        return f"{message} There are {', '.join(command_names())}."
+    option = str(getattr(error, "option_name", ""))
+    if option in _OPTIONS and args[0] not in command_names():
+        return f"{option}: no such option before a command. It stands after one: tossid COMMAND {option}."
+    if not message.startswith("No such option") or getattr(error, "possibilities", None):
+        return message
+    key = nearest(option.lstrip("-").partition("=")[0], command_keys(args[0]))
+    return f"{message}. Keys are given without dashes: {key}=…" if key else message
 
 
 def _log(error: BaseException, args: list[str]) -> str:

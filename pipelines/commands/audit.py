@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import time
 from pathlib import Path
 from typing import Any
 
 from pipelines.cli.console import Console
 from pipelines.config.schemas import AuditConfig
-from pipelines.execution.workers import open_workers
+from pipelines.execution.workers import submitting
 
 FOLDER = Path("outputs/audit")
 
@@ -22,12 +21,11 @@ def run(config: AuditConfig, console: Console) -> dict[str, Any]:
 
     started = time.perf_counter()
     out = config.out or FOLDER / str(config.seed)
-    processes = min(config.workers or os.cpu_count() or 1, config.cases)
     with (
-        open_workers(config.launcher, processes) as pool,
+        submitting(config.launcher, config.workers, config.cases) as submit,
         console.shares(f"auditing {config.cases} cases") as progress,
     ):
-        found = audit(config.object, out=out, settings=config, submit=pool.submit, progress=progress)
+        found = audit(config.object, out=out, settings=config, submit=submit, progress=progress)
     for name, problem in found.failed.items():
         console.warn(f"case {name}: {problem}")
     with tracked_run(f"audit-{out.name}", config, command="audit") as tracked:

@@ -9,12 +9,11 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from pipelines.cli.console import Console
-from pipelines.cli.progress import reported
+from pipelines.cli.console import Console, reported
 from pipelines.config.compose import as_plain
 from pipelines.config.schemas import DetectStageConfig
 from pipelines.execution.workers import submitting
-from pipelines.files.open_source import STAGES, open_stage
+from pipelines.files.open_source import DETECTIONS, STAGES, open_stage, stage_file
 from pipelines.files.project import named
 from tossid.code_digest import code_digest
 from tossid.errors import ConfigError, InputError, TossidError
@@ -28,8 +27,8 @@ from tossid.store import source_sha256
 from tossid.vision.recordings.npz import write_detections
 from tossid.vision.recordings.registry import recording_name
 
-DETECTIONS, DONE = "detections.npz", "detections.json"
-"""Of a recording, and what was found in short: the sign that it need not be searched again."""
+DONE = "detections.json"
+"""What was found in a recording in short: the sign that it need not be searched again."""
 
 
 def run(config: DetectStageConfig, console: Console) -> dict[str, Any]:
@@ -38,7 +37,7 @@ def run(config: DetectStageConfig, console: Console) -> dict[str, Any]:
         return _run_many(config, config.recordings, console)
     opened = open_stage(config.recording, config.object)
     n_images = opened.images().n_frames
-    out = named("out", config.out or STAGES / opened.name / DETECTIONS, ".npz")
+    out = named("out", config.out or stage_file(opened, DETECTIONS), ".npz")
     tally: Counter[str] = Counter()
     with output_file(out) as temporary, reported(console) as progress:
         found = stages.detect(

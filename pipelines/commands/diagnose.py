@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from pipelines.cli.console import Console
 from pipelines.cli.failures import Interrupted, was_interrupted
-from pipelines.config.schemas.diagnosis import DiagnoseConfig, MjcfSim, NominalSim, PythonSim, RunSim
+from pipelines.config.schemas import DiagnoseConfig, MjcfSim, NominalSim, PythonSim, RunSim
 from pipelines.files.project import dataset_path
 from tossid.errors import InputError
 
@@ -97,10 +97,7 @@ def _nominal(sim: NominalSim, recorded: ObjectModel) -> Simulator:
 def _mjcf(sim: MjcfSim, recorded: ObjectModel) -> Simulator:
     from tossid.diagnosis.simulators import read_simulator
 
-    try:
-        return read_simulator(sim.path, recorded)
-    except InputError as error:
-        raise InputError(f"sim.path: {error}") from error
+    return read_simulator(sim.path, recorded)
 
 
 def _run(sim: RunSim, recorded: ObjectModel) -> Simulator:

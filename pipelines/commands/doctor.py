@@ -41,7 +41,7 @@ class Finding:
 
 def run(_: None, console: Console) -> dict[str, Any]:
     """Look; returns all findings, and whether nothing that is needed is missing."""
-    findings = [*_python(), *_packages(), *_extras(), *_machine(), *_store(), *_data()]
+    findings = [*_packages(), *_machine(), *_store(), *_data()]
     marks = {"good": "good", "optional": "-", "missing": "MISSING"}
     console.say(version_line())
     console.table(["", "what", "found", "what to do"], [[marks[f.state], f.what, f.found, f.advice] for f in findings])
@@ -50,79 +50,67 @@ def run(_: None, console: Console) -> dict[str, Any]:
     return {"ok": not missing, "version": version_line(), "findings": [asdict(finding) for finding in findings]}
 
 
-def _python() -> Iterator[Finding]:
-    found = f"{platform.python_version()} ({sys.executable})"
-    fits = sys.version_info >= (3, 11)
-    yield Finding("Python", "good" if fits else "missing", found, "" if fits else "Python 3.11 or newer")
+def _finding(what: str, good: str, *, problem: str, advice: str, else_state: State = "missing") -> Finding:
+    """What was found, with what to do where there is a problem."""
+    return Finding(what, else_state, problem, advice) if problem else Finding(what, "good", good)
 
 
-def _declared() -> tuple[list[str], dict[str, list[str]]]:
-    """What the installed tossid needs, and what each of its extras needs."""
+def _requirements() -> dict[str, list[str]]:
+    """What the installed tossid needs, under "", and what each of its extras needs."""
     from packaging.requirements import Requirement
 
-    needed: list[str] = []
-    extras: dict[str, list[str]] = {name: [] for name in metadata.metadata("tossid").get_all("Provides-Extra") or ()}
-    for text in metadata.requires("tossid") or ():
-        requirement = Requirement(text)
-        plain = f"{requirement.name}{requirement.specifier}"
-        own = [name for name in extras if requirement.marker and requirement.marker.evaluate({"extra": name})]
-        if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
-            needed.append(plain)
-        for name in own:
-            extras[name].append(plain)
-    return needed, extras
+    found: dict[str, list[str]] = {
+        name: [] for name in ("", *(metadata.metadata("tossid").get_all("Provides-Extra") or ()))
+    }
+    for each in map(Requirement, metadata.requires("tossid") or ()):
+        always = each.marker is None or each.marker.evaluate({"extra": ""})
+        names = [""] if always else [name for name in found if each.marker and each.marker.evaluate({"extra": name})]
+        for name in names:
+            found[name].append(f"{each.name}{each.specifier}")
+    return found
 
 
-def _lacking(requirements: list[str]) -> list[str]:
+def _lacking(requirements: list[str]) -> str:
     """Of requirements, those that are not met: "name 1.2 (needs ~=1.3)"."""
     from packaging.requirements import Requirement
 
     lacking = []
-    for text in requirements:
-        requirement = Requirement(text)
-        if requirement.name == "tossid":
-            continue
+    for each in map(Requirement, requirements):
         try:
-            found = metadata.version(requirement.name)
+            found = metadata.version(each.name)
         except metadata.PackageNotFoundError:
-            lacking.append(f"{requirement.name} (needs {requirement.specifier})")
+            lacking.append(f"{each.name} (needs {each.specifier})")
             continue
-        if not requirement.specifier.contains(found, prereleases=True):
-            lacking.append(f"{requirement.name} {found} (needs {requirement.specifier})")
-    return lacking
+        if not each.specifier.contains(found, prereleases=True):
+            lacking.append(f"{each.name} {found} (needs {each.specifier})")
+    return ", ".join(lacking)
 
 
 def _packages() -> Iterator[Finding]:
-    needed, _ = _declared()
-    lacking = _lacking(needed)
-    if lacking:
-        yield Finding("packages", "missing", ", ".join(lacking), "make setup, or pip install -e .")
-    else:
-        yield Finding("packages", "good", f"{len(needed)} of {len(needed)}")
-
-
-def _extras() -> Iterator[Finding]:
-    for name, requirements in _declared()[1].items():
+    for name, requirements in _requirements().items():
         lacking, purpose = _lacking(requirements), _PURPOSE.get(name, name)
-        if lacking:
-            advice = f"for {purpose}: pip install -e '.[{name}]'"
-            yield Finding(f"extra {name}", "optional", f"without {', '.join(lacking)}", advice)
-        else:
-            yield Finding(f"extra {name}", "good", purpose)
+        if not name:
+            advice, count = "make setup, or pip install -e .", f"{len(requirements)} of {len(requirements)}"
+            yield _finding("packages", count, problem=lacking, advice=advice)
+            continue
+        advice = f"for {purpose}: pip install -e '.[{name}]'"
+        problem = lacking and f"without {lacking}"
+        yield _finding(f"extra {name}", purpose, problem=problem, advice=advice, else_state="optional")
 
 
 def _machine() -> Iterator[Finding]:
+    yield Finding("Python", "good", f"{platform.python_version()} ({sys.executable})")
     cores = os.cpu_count() or 1
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     yield Finding("machine", "good", f"{cores} cores, {memory:.0f} GiB of memory, {platform.platform(terse=True)}")
     free = shutil.disk_usage(".").free / 1e9
     here = Path.cwd()
-    if not os.access(here, os.W_OK):
-        yield Finding("this folder", "missing", f"{here} cannot be written to", "work in a folder of your own")
-    elif free < _LEAST_SPACE:
-        yield Finding("this folder", "missing", f"{here}: {free:.1f} GB free", "make room: recordings and runs grow")
+    if os.access(here, os.W_OK):
+        problem = f"{here}: {free:.1f} GB free" if free < _LEAST_SPACE else ""
+        advice = "make room: recordings and runs grow"
     else:
-        yield Finding("this folder", "good", f"{here}: {free:.0f} GB free")
+        problem, advice = f"{here} cannot be written to", "work in a folder of your own"
+    yield _finding("this folder", f"{here}: {free:.0f} GB free", problem=problem, advice=advice)
 
 
 def _store() -> Iterator[Finding]:
@@ -134,12 +122,13 @@ def _store() -> Iterator[Finding]:
     if is_server(uri) or is_database(uri):
         from pipelines.tracking.mlflow_store import client
 
+        problem = ""
         try:
             client()
         except InputError as error:
-            yield Finding("MLflow", "missing", str(error), "docs/guide/server.md has how to start a server")
-        else:
-            yield Finding("MLflow", "good", f"{named} answers")
+            problem = str(error)
+        advice = "docs/guide/server.md has how to start a server"
+        yield _finding("MLflow", f"{named} answers", problem=problem, advice=advice)
         return
     there = named or ("mlflow.db" if Path("mlflow.db").exists() else "mlflow.db, made by the first run")
     yield Finding("MLflow", "good", there)
@@ -148,12 +137,10 @@ def _store() -> Iterator[Finding]:
 def _data() -> Iterator[Finding]:
     recordings = sorted(path.parent.name for path in RECORDINGS.glob("*/cameras.yaml"))
     datasets = sorted(path.name for path in DATASETS.glob("*.h5"))
-    if recordings:
-        yield Finding("recordings", "good", f"{len(recordings)} in {RECORDINGS}")
-    else:
-        advice = "work in tossid's folder, which ships one, or make one: tossid synthesize"
-        yield Finding("recordings", "optional", f"none in {RECORDINGS}", advice)
-    if datasets:
-        yield Finding("datasets", "good", f"{len(datasets)} in {DATASETS}")
-    else:
-        yield Finding("datasets", "optional", f"none in {DATASETS}", "make one: tossid ingest")
+    to_record = "work in tossid's folder, which ships one, or make one: tossid synthesize"
+    for what, found, folder, advice in (
+        ("recordings", recordings, RECORDINGS, to_record),
+        ("datasets", datasets, DATASETS, "make one: tossid ingest"),
+    ):
+        problem = "" if found else f"none in {folder}"
+        yield _finding(what, f"{len(found)} in {folder}", problem=problem, advice=advice, else_state="optional")

@@ -14,7 +14,6 @@ from tossid.errors import FileError, InputError
 if TYPE_CHECKING:
     from pipelines.tracking.runs import RunRecord
     from tossid.models import TrainedModel
-    from tossid.store import Dataset
 
 FOLDER = Path("outputs/evaluate")
 
@@ -26,7 +25,11 @@ def run(config: EvaluateConfig, console: Console) -> dict[str, Any]:
 
         return run_sweep(config, config.sweep, console)
 
+    from pipelines.tracking.run import tracked_run
     from pipelines.tracking.runs import find_run
+    from tossid import evaluate
+    from tossid.evaluation.evaluate import metric_means
+    from tossid.outputs import output_folder
     from tossid.store import open_dataset
 
     record = find_run(config.run)
@@ -35,47 +38,28 @@ def run(config: EvaluateConfig, console: Console) -> dict[str, Any]:
     with open_dataset(data, split="test" if split == "test" else None) as dataset:
         if not dataset.tosses:
             raise InputError(f"{data}: no held-out tosses to evaluate on")
-        about = {"run": record.id, "data": str(data), "split": split}
-        return _evaluate(config, record, trained, dataset, sha256, about, console)
-
-
-def _evaluate(
-    config: EvaluateConfig,
-    record: RunRecord,
-    trained: TrainedModel,
-    dataset: Dataset,
-    sha256: str,
-    about: dict[str, Any],
-    console: Console,
-) -> dict[str, Any]:
-    """Metrics and figures of a trained model on the dataset's tosses, logged as a run."""
-    from pipelines.tracking.run import tracked_run
-    from tossid import evaluate
-    from tossid.evaluation.evaluate import metric_means
-    from tossid.outputs import output_folder
-
-    name, count = trained.name, len(dataset.tosses)
-    scores = evaluate(trained, dataset, settings=config)
-    folder = FOLDER / _folder_name(record, Path(about["data"]), about["split"])
-    with tracked_run(f"evaluate-{record.name}", config, command="evaluate") as tracked:
-        tracked.data(Path(about["data"]), sha256, context="evaluation")
-        tracked.tag("evaluated_run", record.id)
-        tracked.metrics(metric_means(scores.metrics))
-        tracked.describe(f"`{name}` (run {record.name}) on {count} tosses of `{about['data']}`.", *scores.table())
-        with output_folder(folder, made_by="evaluate") as temporary:
-            metrics, *figures = scores.save(temporary)
-            result = {**scores.as_json(), **about}
-            result["figures"] = [str(folder / path.relative_to(temporary)) for path in figures]
-            metrics.write_text(json.dumps(result, indent=2) + "\n")
-        tracked.artifact(folder / "figures")
-        tracked.artifact(folder / "metrics.json")
+        name, count = trained.name, len(dataset.tosses)
+        scores = evaluate(trained, dataset, settings=config)
+        folder = FOLDER / _folder_name(record, data, split)
+        with tracked_run(f"evaluate-{record.name}", config, command="evaluate") as tracked:
+            tracked.data(data, sha256, context="evaluation")
+            tracked.tag("evaluated_run", record.id)
+            tracked.metrics(metric_means(scores.metrics))
+            tracked.describe(f"`{name}` (run {record.name}) on {count} tosses of `{data}`.", *scores.table())
+            with output_folder(folder, made_by="evaluate") as temporary:
+                metrics, *figures = scores.save(temporary)
+                result = {**scores.as_json(), "run": record.id, "data": str(data), "split": split}
+                result["figures"] = [str(folder / path.relative_to(temporary)) for path in figures]
+                metrics.write_text(json.dumps(result, indent=2) + "\n")
+            tracked.artifact(folder / "figures")
+            tracked.artifact(folder / "metrics.json")
     head, rows = scores.table()
     console.table(head, rows, title=f"{name}: {count} tosses")
     if scores.per_toss.diverged:
         console.warn(f"{scores.per_toss.diverged} of {count} rollouts diverged")
     leak = trained.parameters.get("copies")
-    if leak is not None and about["split"] == "test":
-        console.warn(f"{about['data']}: {leak['warning']}")
+    if leak is not None and split == "test":
+        console.warn(f"{data}: {leak['warning']}")
     console.say(f"{len(figures)} figures in {folder / 'figures'}")
     return result
 

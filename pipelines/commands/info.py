@@ -21,9 +21,8 @@ class InfoRequest:
     """a file (.png) for the figure of the order of recording; None for none"""
 
 
-def run(request: InfoRequest | Path, console: Console) -> dict[str, Any]:
-    """Describe a file (a path alone asks for no figure); returns what `--json` prints."""
-    request = InfoRequest(request) if isinstance(request, Path) else request
+def run(request: InfoRequest, console: Console) -> dict[str, Any]:
+    """Describe a file; returns what `--json` prints."""
     path = request.file
     if not path.exists():
         raise FileError(path, "no such file or folder")

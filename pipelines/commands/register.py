@@ -20,13 +20,12 @@ def run(config: RegisterConfig, console: Console) -> dict[str, Any]:
     from pipelines.tracking.runs import find_run
 
     record = find_run(config.run)
-    checkpoint = record.weights()
     if not record.id:
         raise InputError(f"run={config.run}: no run of MLflow stands behind this folder; name one by its id")
     store = client()
     with tempfile.TemporaryDirectory() as folder:
-        signature = write_model(checkpoint, Path(folder)).signature
-        store.log_artifacts(record.id, folder, "model")
+        signature = write_model(record.weights(), Path(folder) / "model")
+        store.log_artifacts(record.id, f"{folder}/model", "model")
     try:
         store.create_registered_model(config.name)
     except MlflowException as error:
@@ -36,5 +35,5 @@ def run(config: RegisterConfig, console: Console) -> dict[str, Any]:
     version = store.create_model_version(config.name, source, run_id=record.id).version
     address = f"models:/{config.name}/{version}"
     console.facts({"run": record.id, "use": f"tossid evaluate run={address}"}, title=address)
-    shape = {"inputs": signature.inputs.to_dict(), "outputs": signature.outputs.to_dict()} if signature else {}
+    shape = {"inputs": signature.inputs.to_dict(), "outputs": signature.outputs.to_dict()}
     return {"name": config.name, "version": int(version), "model": address, "run": record.id, "signature": shape}

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from pipelines.cli.console import Console
-from pipelines.cli.progress import reported
-from pipelines.commands.ingest import facts
+from pipelines.cli.console import Console, reported
+from pipelines.commands.ingest import described, facts, provenance
 from pipelines.config.schemas import SegmentStageConfig
-from pipelines.files.datasets import described, provenance
-from pipelines.files.open_source import STAGES, open_stage, read_track
+from pipelines.files.open_source import POSES, open_stage, stage_file, stage_tracks
 from pipelines.files.project import DATASET_SUFFIXES, DATASETS, named
+from tossid.errors import FileError
 from tossid.ingestion.ingest import dataset_of_poses
 from tossid.ingestion.progress import Reporter
 from tossid.store import source_sha256
@@ -19,12 +18,14 @@ from tossid.store import source_sha256
 def run(config: SegmentStageConfig, console: Console) -> dict[str, Any]:
     """Segment, write; returns what `info` says of the dataset, `out`, the ground, and what is no toss."""
     opened = open_stage(config.recording, config.object, default="cube")
-    source = config.poses or STAGES / opened.name / "poses.npz"
+    source = config.poses or stage_file(opened, POSES)
     out = named("out", config.out or DATASETS / f"{opened.name}.h5", *DATASET_SUFFIXES)
-    poses = read_track(source)
+    tracks = stage_tracks(opened, source)
+    if len(tracks) != 1:
+        raise FileError(source, f"holds {len(tracks)} tracks, expected one")
     lineage = provenance("segment", config, {"source_path": str(source), "source_sha256": source_sha256(source)})
     with reported(console) as progress:
         report = dataset_of_poses(
-            opened, poses, settings=config, out=out, lineage=lineage, report=Reporter(progress)
+            opened, tracks[0], settings=config, out=out, lineage=lineage, report=Reporter(progress)
         ).report
     return {**described(out, console), **facts(report)}

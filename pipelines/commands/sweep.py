@@ -12,15 +12,15 @@ import re
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pipelines.cli.console import Console
-from pipelines.commands.cells import study_cells
-from pipelines.config.schemas.learning import EvaluateConfig, SweepConfig, TrainConfig
+from pipelines.config.compose import as_plain, load, part_of
+from pipelines.config.schemas import EvaluateConfig, SweepConfig, TrainConfig
 from pipelines.execution.workers import submitting
 from pipelines.files.project import dataset_path
 from pipelines.tracking.mlflow_store import client
@@ -31,9 +31,11 @@ from tossid.evaluation.evaluate import metric_means
 from tossid.models import EpochRecord
 from tossid.outputs import only_writer, write_whole
 from tossid.plain_json import digest_of
-from tossid.studies.cells import CellResult, StudyCell, StudyData
+from tossid.settings.changed import changed
+from tossid.settings.training import TrainSettings
+from tossid.studies.cells import CellResult, StudyCell, StudyData, study_cell
 from tossid.studies.result import Study
-from tossid.studies.study import StudyPlan, plan_study
+from tossid.studies.study import plan_study
 
 FOLDER = Path("outputs/sweeps")
 CELL_TAG = "tossid.cell"
@@ -44,8 +46,12 @@ def run_sweep(config: EvaluateConfig, sweep: SweepConfig, console: Console) -> d
     started = time.perf_counter()
     if config.run is not None:
         raise ConfigError("run", "a study trains its own models; leave it out.")
-    study = _open(sweep, dataset_path(config.data))
-    plan, folder = study.plan, study.folder
+    path = dataset_path(config.data)
+    data = StudyData.of(path)
+    configs = study_cells(sweep, path, data.sha256)
+    plan = plan_study(list(configs), data)
+    folder = FOLDER / f"{sweep.name}-{digest_of([sweep.key, *[cell.digest for cell in plan.cells]])[:12]}"
+    plan = replace(plan, folder=folder)
     for note in plan.notes:
         console.warn(note)
     with only_writer(folder / "study"):
@@ -55,103 +61,120 @@ def run_sweep(config: EvaluateConfig, sweep: SweepConfig, console: Console) -> d
             begun = plan.begin(missing, submit)  # workers are at work while the tracker opens
             named = f"sweep-{sweep.name}"
             parent = last.enter_context(tracked_run(named, config, command="sweep", resume=run_id_in(folder)))
-            import tossid.evaluation.figures  # needed at the end; now workers are at work  # noqa: F401
-
             bar = last.enter_context(console.progress(f"sweep {sweep.name}", len(plan.cells), unit="cells"))
-            runs = CellRuns(study, parent)
+            logged = _logged_cells(parent)
+            if not parent.resumed:
+                parent.data(path, data.sha256, context="study")
+                write_whole(folder / RUN, (json.dumps({"run": parent.id}) + "\n").encode())
 
             def each(cell: StudyCell, outcome: CellResult | TossidError) -> Mapping[str, Any] | None:
                 what = f"{cell.model}, {cell.swept} {cell.value:g}"
+                bar.advance(1, note=what)
                 if isinstance(outcome, TossidError):
                     console.warn(f"{what}, seed {cell.seed}: {outcome}")
-                row = None if isinstance(outcome, TossidError) else {"run": runs.tracked(cell, outcome)}
-                bar.advance(1, note=what)
-                return row
+                    return None
+                if cell.digest not in logged:
+                    tags = {"sweep": sweep.name, CELL_TAG: cell.digest}
+                    logged[cell.digest] = _log_cell(cell, outcome, configs[cell], data.sha256, parent, tags)
+                return {"run": logged[cell.digest]}
 
             found = plan.run(each_cell=each, begun=begun)
             files = found.save(folder)
-            for path in files:
-                parent.artifact(path, folder=None if path.parent == folder else path.parent.name)
+            for file in files:
+                parent.artifact(file, folder=None if file.parent == folder else file.parent.name)
             parent.metrics({"cells": len(found.rows), "failed": len(found.failed)})
             _track_errors(parent, found, folder / "table.md")
     report = {
         "run": parent.id,
         "sweep": sweep.name,
         "key": sweep.key,
-        "data": str(study.data),
+        "data": str(path),
         **found.as_json(),
         "out": str(folder),
-        "figures": [str(path) for path in files if path.parent != folder],
+        "figures": [str(file) for file in files if file.parent != folder],
         "seconds": time.perf_counter() - started,
     }
     _show(sweep, found, report, console)
     return report
 
 
-@dataclass(frozen=True)
-class OpenStudy:
-    """A study with its data and its place."""
-
-    name: str
-    data: Path
-    sha256: str
-    configs: dict[StudyCell, TrainConfig]
-    plan: StudyPlan
-    folder: Path
+_OWN = ("data", "restart", "model", "seed")
+"""Keys of train that a study sets itself."""
 
 
-def _open(sweep: SweepConfig, data: Path) -> OpenStudy:
-    of = StudyData.of(data)
-    configs = study_cells(sweep, data, of.sha256)
-    plan = plan_study(list(configs), of)
-    folder = FOLDER / f"{sweep.name}-{digest_of([sweep.key, *[cell.digest for cell in plan.cells]])[:12]}"
-    return OpenStudy(sweep.name, data, of.sha256, configs, replace(plan, folder=folder), folder)
-
-
-class CellRuns:
-    """The runs of a study's cells in MLflow, below the study's own; each cell is logged once.
-
-    Cells that an earlier command has logged are known by their tag. What it had half logged when it was killed goes.
+def study_cells(sweep: SweepConfig, data: Path, sha256: str) -> dict[StudyCell, TrainConfig]:
+    """The cells of a study with the keys of their trainings, in the order models, values, seeds.
 
     Args:
-        study: The study.
-        parent: Its run.
+        sweep: The study's keys.
+        data: The dataset.
+        sha256: Of the dataset.
+
+    Raises:
+        ConfigError: Nothing is swept, or `tossid train` would refuse a key.
     """
+    _check(sweep)
+    cells = {}
+    for model in sweep.models:
+        first = f"{sweep.key}={_number(sweep.values[0])}"
+        name, *keys = model.split()
+        base = replace(load("train", TrainConfig, [f"model={name}", first, *sweep.train, *keys]), data=data)
+        for value in sweep.values:
+            for seed in sweep.seeds:
+                config = changed(base, {sweep.key: _number(value), "seed": seed})
+                cell = study_cell(
+                    model, sweep.key, value, part_of(config, TrainSettings), sha256, keys=as_plain(config)
+                )
+                cells[cell] = config
+    return cells
 
-    def __init__(self, study: OpenStudy, parent: TrackedRun) -> None:
-        self._study, self._parent = study, parent
-        self._of_cell: dict[str, str] = {}
-        if not parent.resumed:
-            parent.data(study.data, study.sha256, context="study")
-            write_whole(study.folder / RUN, (json.dumps({"run": parent.id}) + "\n").encode())
-            return
-        for run in find_runs(parent=parent.id):
-            if run.info.status == "FINISHED":
-                self._of_cell[run.data.tags[CELL_TAG]] = run.info.run_id
-            else:
-                client().delete_run(run.info.run_id)
 
-    def tracked(self, cell: StudyCell, got: CellResult) -> str:
-        """Log a cell, unless it is logged already; returns its run's id.
+def _check(sweep: SweepConfig) -> None:
+    for name in ("values", "models", "seeds"):
+        if not getattr(sweep, name):
+            raise ConfigError(f"sweep.{name}", "is empty; a study needs at least one.")
+        if len(set(getattr(sweep, name))) < len(getattr(sweep, name)):
+            raise ConfigError(f"sweep.{name}", "names one twice.")
+    own = [text for model in sweep.models for text in model.split()[1:]]
+    for where, texts in (("sweep.train", sweep.train), ("sweep.key", [f"{sweep.key}="]), ("sweep.models", own)):
+        for text in texts:
+            if text.partition("=")[0] in _OWN:
+                raise ConfigError(where, f"{text.partition('=')[0]} is set by the study itself.")
 
-        Args:
-            cell: The cell.
-            got: What it gave.
-        """
-        if cell.digest in self._of_cell:
-            return self._of_cell[cell.digest]
-        name = f"{cell.model}-{cell.swept}{cell.value:g}-s{cell.seed}"
-        tags = {"sweep": self._study.name, CELL_TAG: cell.digest}
-        with tracked_run(name, self._study.configs[cell], command="train", parent=self._parent, tags=tags) as run:
-            run.data(self._study.data, self._study.sha256, context="training")
-            for step, row in enumerate(got.history, start=1):
-                run.metrics(EpochRecord(**row).losses(), step=step)
-            run.metrics(metric_means(got.scores), step=len(got.history))
-            run.text(json.dumps(got.scores, indent=1), "result.json")
-            assert isinstance(got.checkpoint, Path)  # a study with a folder keeps it there
-            run.checkpoint(got.checkpoint)
-        self._of_cell[cell.digest] = run.id
-        return run.id
+
+def _number(value: float) -> int | float:
+    return int(value) if value.is_integer() else value
+
+
+def _logged_cells(parent: TrackedRun) -> dict[str, str]:
+    """The runs of cells that an earlier command has logged below a study's run, by the cell's digest.
+
+    What it had half logged when it was killed is deleted.
+    """
+    logged = {}
+    for run in find_runs(parent=parent.id):
+        if run.info.status == "FINISHED":
+            logged[run.data.tags[CELL_TAG]] = run.info.run_id
+        else:
+            client().delete_run(run.info.run_id)
+    return logged
+
+
+def _log_cell(
+    cell: StudyCell, got: CellResult, config: TrainConfig, sha256: str, parent: TrackedRun, tags: Mapping[str, str]
+) -> str:
+    """Log what a cell gave below the study's run; returns the id of its own."""
+    name = f"{cell.model}-{cell.swept}{cell.value:g}-s{cell.seed}"
+    with tracked_run(name, config, command="train", parent=parent, tags=tags) as run:
+        assert config.data is not None
+        run.data(config.data, sha256, context="training")
+        for step, row in enumerate(got.history, start=1):
+            run.metrics(EpochRecord(**row).losses(), step=step)
+        run.metrics(metric_means(got.scores), step=len(got.history))
+        run.text(json.dumps(got.scores, indent=1), "result.json")
+        assert isinstance(got.checkpoint, Path)  # a study with a folder keeps it there
+        run.artifact(got.checkpoint)
+    return run.id
 
 
 ERRORS = ("position_error_pct", "rotation_error_deg")

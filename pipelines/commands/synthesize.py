@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import fields
 from typing import Any
 
 from pipelines.cli.console import Console
+from pipelines.config.compose import part_of
 from pipelines.config.schemas import SynthesizeConfig
 from pipelines.execution.code_version import commit, version
 from pipelines.files.project import RECORDINGS
@@ -19,7 +19,7 @@ def run(config: SynthesizeConfig, console: Console) -> dict[str, Any]:
     from tossid.synthesis.synthesize import TOSSES, TRUTH, synthesize
 
     out = config.out or RECORDINGS / f"{config.object.name}-{config.engine.name}-{config.seed}"
-    settings = SynthesizeSettings(**{field.name: getattr(config, field.name) for field in fields(SynthesizeSettings)})
+    settings = part_of(config, SynthesizeSettings)
     about = f"tossing '{config.object.name}' {config.tosses} times with engine {config.engine.name}"
     if config.effects:
         about += f" and effects {', '.join(config.effects)}"

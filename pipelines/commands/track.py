@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from pipelines.cli.console import Console
-from pipelines.cli.progress import reported
+from pipelines.cli.console import Console, reported
 from pipelines.config.schemas import TrackStageConfig
-from pipelines.files.open_source import STAGES, open_stage
+from pipelines.files.open_source import POSES, open_stage, stage_detections, stage_file
 from pipelines.files.project import named
-from tossid.errors import FileError
 from tossid.ingestion import stages
 from tossid.ingestion.progress import Reporter
 from tossid.outputs import output_file, output_folder
 from tossid.store.importers.tum import write_trajectory
-from tossid.types import Detection, PoseTrack
-from tossid.vision.recordings.npz import read_detections, write_tracks
-from tossid.vision.recordings.registry import Opened
+from tossid.types import PoseTrack
+from tossid.vision.recordings.npz import write_tracks
 from tossid.vision.setup.calibration import write_cameras
 from tossid.vision.setup.tagslam import write_tagslam
 
@@ -30,8 +26,8 @@ def run(config: TrackStageConfig, console: Console) -> dict[str, Any]:
     opened = open_stage(config.recording, config.object)
     for problem in opened.problems:
         console.warn(problem)
-    detections = _detections(config, opened)
-    out = named("out", config.out or STAGES / opened.name / "poses.npz", ".npz")
+    detections = stage_detections(opened, config.detections)
+    out = named("out", config.out or stage_file(opened, POSES), ".npz")
     with reported(console) as progress:
         tracked = stages.track(opened, detections, settings=config.track, report=Reporter(progress))
     tracks = list(tracked.tracks.values()) if opened.model is None else [stages.object_track(opened, tracked)]
@@ -54,15 +50,6 @@ def run(config: TrackStageConfig, console: Console) -> dict[str, Any]:
         "bodies": {name: len(track.t) for name, track in tracked.tracks.items()},
         **asdict(tracked.report),
     }
-
-
-def _detections(config: TrackStageConfig, opened: Opened) -> Sequence[Detection]:
-    if config.detections is None and opened.recording is None:
-        return opened.detections
-    source = config.detections or STAGES / opened.name / "detections.npz"
-    if not source.is_file():
-        raise FileError(source, "no such file; 'tossid detect' makes it")
-    return read_detections(source)
 
 
 def _text_path(out: Path, track: PoseTrack, count: int) -> Path:

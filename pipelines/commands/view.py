@@ -19,7 +19,6 @@ from pipelines.drawing.recording_view import (
     misplaced,
     moments_of,
     recording_content,
-    thinned,
 )
 from pipelines.drawing.toss_view import toss_content
 from pipelines.files.project import named
@@ -69,10 +68,6 @@ def run(config: ViewConfig, console: Console) -> dict[str, Any]:
         result["sheet"] = str(config.sheet)
         console.say(f"wrote {config.sheet}")
     if wants_file:
-        if config.every is None:
-            content, every = thinned(content)
-            if every > 1:
-                console.say(f"images of each {every}th frame; every=1 takes all")
         out = config.out or FOLDER / f"{content.name}.rrd"
         with output_file(out) as temporary:
             result["n_images"] = write_rerun(content, temporary, magnify=config.magnify, console=console)
@@ -101,9 +96,7 @@ def sheet_of(content: ViewContent, moments: int) -> Figure:
     names = f"{len(content.cameras)} camera{'s' * (len(content.cameras) > 1)}"
     tosses = f", {len(content.tosses)} toss{'es' * (len(content.tosses) != 1)}" if content.tosses else ""
     images = "" if content.recording is not None else ", detections without images"
-    span = (
-        f"{stamps[-1] - origin:.3f} s from {origin:.3f} s on" if origin else f"{stamps[0]:.3f} s to {stamps[-1]:.3f} s"
-    )
+    span = f"{stamps[0] - origin:.3f} s to {stamps[-1] - origin:.3f} s" + f" from {origin:.3f} s on" * bool(origin)
     title = f"{content.name}: {names}, {span}{tosses}{images}"
     return contact_sheet(columns, title=title)
 

@@ -1,14 +1,15 @@
 """From `conf/` and KEY=VALUE to a checked, frozen config.
 
 Hydra composes the values (groups, defaults lists, interpolation); the schema
-decides what is a key and of what type. Anything else is refused by name, with
-the nearest valid spelling.
+decides what is a key and of what type, and its values are set as they are given.
+Anything else is refused by name, with the nearest valid spelling.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from typing import Any, TypeVar
 
 from pipelines.config.keys import MISSING, Group, Key, all_keys, keys_of, nearest, shorten
@@ -41,18 +42,17 @@ def load(command: str, schema: type[C], overrides: Sequence[str] = ()) -> C:
         if group is not None:
             chosen[key] = _member(group, value)
     known = keys_of(schema, chosen)
-    lines: list[str] = []
-    tables: dict[str, Any] = {}
+    groups: list[str] = []
+    values: dict[str, Any] = {}
     for key, value in given:
-        line = _override(key, value, known, schema, chosen)
-        if _is_table(key, known):  # Hydra would merge it into the default, or refuse its names
-            tables[key] = _parse(key, value)
+        match = next((item for item in known if item.name == key), None)
+        if match is None:
+            raise _unknown(key, known, schema, chosen)
+        if isinstance(match, Group):
+            groups.append(f"{key}={chosen[key] or 'null'}")
         else:
-            lines.append(line)
-    values = _compose(command, lines)
-    for key, table in tables.items():
-        _put(values, key, table)
-    config: C = convert(schema, _given(values), key="", advanced=False)
+            values[key] = _read(match, value, chosen)
+    config: C = convert(schema, _given(_compose(command, groups, values)), key="", advanced=False)
     return config
 
 
@@ -60,6 +60,18 @@ def as_plain(config: Any) -> dict[str, Any]:
     """A config as nested dicts of plain values, for YAML, JSON and the tracker."""
     plain: dict[str, Any] = to_plain(config, advanced=False)
     return plain
+
+
+def part_of(config: Any, kind: type[C]) -> C:
+    """The library's part of a command's keys.
+
+    Args:
+        config: The command's, of a class that inherits from `kind`.
+        kind: A settings dataclass of the library.
+    """
+    settings: Any = kind
+    made: C = settings(**{field.name: getattr(config, field.name) for field in fields(settings)})
+    return made
 
 
 def flatten(values: Mapping[str, Any], *, prefix: str = "") -> dict[str, Any]:
@@ -119,10 +131,7 @@ def _refuse_twice(given: Sequence[tuple[str, str]]) -> None:
 
 
 def _group(schema: type, key: str) -> Group | None:
-    for known in keys_of(schema, {}):
-        if isinstance(known, Group) and known.name == key:
-            return known
-    return None
+    return next((item for item in keys_of(schema, {}) if isinstance(item, Group) and item.name == key), None)
 
 
 def _member(group: Group, value: str) -> str | None:
@@ -139,23 +148,26 @@ def _member(group: Group, value: str) -> str | None:
     )
 
 
-def _override(
-    key: str, value: str, known: Sequence[Key | Group], schema: type, chosen: Mapping[str, str | None]
-) -> str:
-    """One checked line for Hydra."""
-    match = next((item for item in known if item.name == key), None)
-    if match is None:
-        raise _unknown(key, known, schema, chosen)
-    if isinstance(match, Group):
-        return f"{key}={chosen[key] or 'null'}"
-    line = f"++{key}="  # `conf/` need not have the key, as the library has its default
-    if match.fixed:
-        group = key.rpartition(".")[0]
-        raise ConfigError(key, f"is set by {group}={chosen.get(group)}; choose another member with {group}=….")
-    if match.is_text and value not in ("null", "None"):
-        return line + _quote(value)
-    _check_syntax(key, value, match)
-    return line + value
+def _read(key: Key, text: str, chosen: Mapping[str, str | None]) -> Any:
+    """The value that a text gives to a key: the text itself where the key takes text, without quotes around it."""
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+    from hydra.errors import HydraException
+
+    if key.fixed:
+        group = key.name.rpartition(".")[0]
+        raise ConfigError(key.name, f"is set by {group}={chosen.get(group)}; choose another member with {group}=….")
+    if key.is_text and text not in ("null", "None"):
+        quoted = len(text) >= 2 and text[0] == text[-1] and text[0] in "'\""
+        return text[1:-1] if quoted else text
+    try:
+        override = OverridesParser.create().parse_override(f"{key.name}={text}")
+        several = override.is_sweep_override()
+    except HydraException:
+        problem = f"cannot read the value {shorten(text)!r}; expected {key.expected}."
+        raise ConfigError(key.name, problem) from None
+    if several:
+        raise ConfigError(key.name, f"takes one value, not several ({shorten(text)}); expected {key.expected}.")
+    return override.value()
 
 
 def _unknown(key: str, known: Sequence[Key | Group], schema: type, chosen: Mapping[str, str | None]) -> ConfigError:
@@ -176,64 +188,36 @@ def _unknown(key: str, known: Sequence[Key | Group], schema: type, chosen: Mappi
     return ConfigError(key, "there is no such key.", suggestion=nearest(key, all_keys(schema)))
 
 
-def _quote(value: str) -> str:
-    """Text for Hydra, taken as it stands: no lists, no sweeps. Quotes around the whole are dropped."""
-    if len(value) >= 2 and value[0] == value[-1] and value[0] in "'\"":
-        value = value[1:-1]
-    escaped = re.sub(r"(\\*)'", lambda m: m.group(1) * 2 + r"\'", value)
-    trailing = len(escaped) - len(escaped.rstrip("\\"))
-    return f"'{escaped}{chr(92) * trailing}'"
-
-
-def _is_table(key: str, known: Sequence[Key | Group]) -> bool:
-    return any(isinstance(item, Key) and item.name == key and item.is_table for item in known)
-
-
-def _parse(key: str, value: str) -> Any:
-    from hydra.core.override_parser.overrides_parser import OverridesParser
-
-    return OverridesParser.create().parse_override(f"{key}={value}").value()
-
-
-def _put(values: dict[str, Any], key: str, value: Any) -> None:
-    *path, last = key.split(".")
-    for part in path:
-        values = values.setdefault(part, {})
-    values[last] = value
-
-
-def _check_syntax(key: str, value: str, match: Key) -> None:
-    from hydra.core.override_parser.overrides_parser import OverridesParser
-    from hydra.errors import HydraException
-
-    try:
-        override = OverridesParser.create().parse_override(f"{key}={value}")
-        sweep = override.is_sweep_override()
-    except HydraException:
-        raise ConfigError(key, f"cannot read the value {shorten(value)!r}; expected {match.expected}.") from None
-    if sweep:
-        raise ConfigError(key, f"takes one value, not several ({shorten(value)}); expected {match.expected}.")
-
-
 # ---------------------------------------------------------------- composing
+
+
+def values_in(name: str) -> dict[str, Any]:
+    """What stands in `conf/NAME.yaml`, of tossid or else of the user.
+
+    Raises:
+        ConfigError: There is no such file, or it holds no values.
+    """
+    import yaml
+
+    path = next((path for folder in folders() if (path := folder / f"{name}.yaml").is_file()), None)
+    if path is None:
+        raise ConfigError(name, f"there is no {name}.yaml in {folders()[0]}.")
+    try:
+        values = yaml.safe_load(path.read_text()) or {}
+    except yaml.YAMLError as error:
+        raise ConfigError(name, f"{path} cannot be read: {_one_line(error)}") from None
+    if not isinstance(values, dict):
+        raise ConfigError(name, f"{path} cannot be read: it holds no names with values.")
+    return values
 
 
 def default_members(command: str) -> dict[str, str | None]:
     """The members that the defaults list of a command chooses."""
-    import yaml
-
-    path = folders()[0] / f"{command}.yaml"
-    try:
-        values = yaml.safe_load(path.read_text()) or {}
-        entries = values.get("defaults", [])
-        return {group: member for entry in entries if isinstance(entry, dict) for group, member in entry.items()}
-    except FileNotFoundError:
-        raise ConfigError(command, f"{path} is missing: the command's values should be there.") from None
-    except (yaml.YAMLError, AttributeError) as error:
-        raise ConfigError(command, f"{path} cannot be read: {_one_line(error)}") from None
+    entries = values_in(command).get("defaults", [])
+    return {group: member for entry in entries if isinstance(entry, dict) for group, member in entry.items()}
 
 
-def _compose(command: str, lines: Sequence[str]) -> dict[str, Any]:
+def _compose(command: str, groups: Sequence[str], given: Mapping[str, Any]) -> dict[str, Any]:
     from hydra import compose, initialize_config_dir
     from hydra.core.global_hydra import GlobalHydra
     from hydra.errors import HydraException
@@ -242,22 +226,21 @@ def _compose(command: str, lines: Sequence[str]) -> dict[str, Any]:
     from yaml import YAMLError
 
     GlobalHydra.instance().clear()
+    main, *further = folders()  # where Hydra seeks members that the main folder does not have
+    lines = [*groups, *(f"hydra.searchpath=['{folder.as_uri()}']" for folder in further)]
     try:
-        with initialize_config_dir(config_dir=str(folders()[0].resolve()), version_base="1.3"):
-            composed = compose(config_name=command, overrides=[*lines, *_further()])
+        with initialize_config_dir(config_dir=str(main.resolve()), version_base="1.3"):
+            composed = compose(config_name=command, overrides=lines)
+        for key, value in given.items():  # `conf/` need not have the key, and a table is replaced as a whole
+            OmegaConf.update(composed, key, value, merge=False, force_add=True)
         values = OmegaConf.to_container(composed, resolve=True, throw_on_missing=False)
     except OmegaConfBaseException as error:
         key = getattr(error, "full_key", None) or command
         raise ConfigError(str(key), _one_line(error)) from error
     except (HydraException, YAMLError) as error:
-        raise ConfigError(command, f"the values in {folders()[0]} cannot be composed: {_one_line(error)}") from error
+        raise ConfigError(command, f"the values in {main} cannot be composed: {_one_line(error)}") from error
     assert isinstance(values, dict)
     return {str(name): value for name, value in values.items()}
-
-
-def _further() -> list[str]:
-    """Where Hydra seeks members that the main folder does not have."""
-    return [f"hydra.searchpath=[{_quote(folder.as_uri())}]" for folder in folders()[1:]]
 
 
 def _one_line(error: BaseException) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import difflib
 import inspect
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING as NO_DEFAULT
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal, get_origin, get_type_hints
 
 from pipelines.config.places import folders
+from tossid import errors
 from tossid.settings.kinds import ADVANCED, class_of, describe, parts_of
 
 MISSING = "???"
@@ -43,11 +43,6 @@ class Key:
         return {part for part in parts_of(self.type) if part is not type(None)} <= {str, Path}
 
     @property
-    def is_table(self) -> bool:
-        """Its values are names with values, replaced as a whole."""
-        return any(get_origin(part) is dict for part in parts_of(self.type))
-
-    @property
     def expected(self) -> str:
         """Its type in words."""
         return describe(self.type)
@@ -70,8 +65,9 @@ class Group:
     classes: tuple[Any, ...]
 
     def members(self) -> tuple[str, ...]:
-        """The members that this command takes: those of which a class is found."""
-        return tuple(name for name in group_members(self.name) if class_of(self.classes, name) is not None)
+        """The YAML files in its folder, and in the user's own, of which a class is found."""
+        names = {path.stem for folder in folders() for path in (folder / self.name).glob("*.yaml")}
+        return tuple(name for name in sorted(names) if class_of(self.classes, name) is not None)
 
 
 def key_fields(schema: Any) -> list[Field[Any]]:
@@ -80,16 +76,15 @@ def key_fields(schema: Any) -> list[Field[Any]]:
 
 
 def nearest(word: str, candidates: Iterable[str]) -> str | None:
-    """The nearest valid spelling, or a key whose last part is the word."""
-    candidates = list(candidates)
+    """The nearest valid spelling: of a key beside it, of a whole key, or of a key's last part."""
     head, _, tail = word.rpartition(".")
-    beside = {name.rpartition(".")[2]: name for name in candidates if head and name.rpartition(".")[0] == head}
-    tails = {name.rpartition(".")[2]: name for name in reversed(candidates)}
-    for cutoff in (0.8, 0.6):
-        for spoken, names in ((tail, beside), (word, {name: name for name in candidates}), (tail, tails)):
-            near = difflib.get_close_matches(spoken, names, n=1, cutoff=cutoff)
-            if near and (names is beside or not beside or cutoff > 0.7):
-                return names[near[0]]
+    names = list(candidates)
+    beside = {name.rpartition(".")[2]: name for name in names if head and name.rpartition(".")[0] == head}
+    tails = {name.rpartition(".")[2]: name for name in reversed(names)}
+    for spoken, known in ((tail, beside), (word, {name: name for name in names}), (tail, tails)):
+        near = errors.nearest(spoken, known)
+        if near is not None:
+            return known[near]
     return None
 
 
@@ -97,11 +92,6 @@ def shorten(text: str, limit: int = 60) -> str:
     """Text for an error line: printable, and not longer than a line."""
     text = "".join(c if c.isprintable() else "?" for c in text)
     return text if len(text) <= limit else text[: limit - 1] + "…"
-
-
-def group_members(group: str) -> tuple[str, ...]:
-    """The members of a group: the YAML files in its folder, and in the user's own."""
-    return tuple(sorted({path.stem for folder in folders() for path in (folder / group).glob("*.yaml")}))
 
 
 def keys_of(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -9,11 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipelines.cli.console import Console
-from pipelines.cli.progress import reported
+from pipelines.cli.console import Console, reported
 from pipelines.config.schemas import ViewConfig
-from pipelines.files.open_source import STAGES, open_stage
-from tossid.errors import FileError, InputError, TossidError
+from pipelines.files.open_source import DETECTIONS, POSES, open_stage, stage_detections, stage_file, stage_tracks
+from tossid.errors import InputError, TossidError
 from tossid.ingestion import stages
 from tossid.ingestion.progress import Reporter
 from tossid.motion import tosses_from_tracks
@@ -23,11 +23,10 @@ from tossid.rotations import quat_rotate
 from tossid.types import Detection, PoseTrack, Toss
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.cameras.shutter import poses_at
-from tossid.vision.recordings.npz import read_detections, read_tracks
 from tossid.vision.recordings.recording import FrameFile, Recording, read_set_up
 from tossid.vision.recordings.registry import Opened
 from tossid.vision.setup.faces import object_faces, tag_corners
-from tossid.vision.setup.layout import BodyTag, TagLayout, body_tags, object_body
+from tossid.vision.setup.layout import Body, BodyTag, TagLayout, body_tags, object_body
 
 Array = NDArray[np.float64]
 
@@ -75,13 +74,8 @@ class Moving:
         return q[:3], q[3:]
 
 
-MOST_BYTES = 11e6
-"""Of a Rerun file's images, where no key says how many there are."""
-STORED = (".jpg", ".jpeg", ".png")
-"""Files of images that a Rerun file takes as they are."""
-JPEG_BYTES = 0.08
-"""Of a pixel, in a frame of a film or a bag, which is stored as JPEG: 0.079 of a frame of the demo."""
-SAMPLED = 20
+MOST_IMAGES = 500
+"""Where no key says how many there are: some 10 MB in a Rerun file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,12 +114,13 @@ def recording_content(config: ViewConfig, console: Console) -> ViewContent:
         console.warn(problem)
     cameras, layout = opened.cameras, opened.layout
     first, last = _stretch(config, opened)
-    poses_file = config.poses or STAGES / opened.name / "poses.npz"
-    if config.poses is not None and not config.poses.is_file():
-        raise FileError(config.poses, "no such file; 'tossid track' makes it")
-    detections = _detections(config, opened, console)
+    poses_file = config.poses or stage_file(opened, POSES)
+    left: Sequence[PoseTrack] = ()
     if config.poses is not None or _left_by_a_stage(poses_file, opened, console):
-        tracks = {track.name: track for track in read_tracks(poses_file)}
+        left = stage_tracks(opened, config.poses)
+    detections = _detections(config, opened, console)
+    if left:
+        tracks = {track.name: track for track in left}
         set_up = poses_file.parent / f"{poses_file.stem}_set_up"
         if set_up.is_dir():
             cameras, layout = read_set_up(set_up)
@@ -137,7 +132,13 @@ def recording_content(config: ViewConfig, console: Console) -> ViewContent:
     late = {camera.name: camera.clock_offset - given.get(camera.name, 0.0) for camera in cameras}
     detections = tuple(replace(d, t=d.t - late[d.camera]) for d in detections)
     part = {name: piece for name, track in tracks.items() if (piece := _between(track, first, last)) is not None}
-    frames = _frames(opened.recording, late, first, last, config.every or 1) if opened.recording is not None else None
+    frames = None
+    if opened.recording is not None:
+        frames = _frames(opened.recording, late, first, last)
+        every = config.every or max(1, math.ceil(sum(map(len, frames.values())) / MOST_IMAGES))
+        if every > 1:
+            console.say(f"images of each {every}th frame; every=1 takes all")
+        frames = {name: files[::every] for name, files in frames.items()}
     seen = tuple(d for d in detections if first <= d.t <= last)
     moving = moving_bodies(part, layout, opened.model)
     tosses = _tosses(tracks, opened.model, console)
@@ -160,14 +161,10 @@ def _stretch(config: ViewConfig, opened: Opened) -> tuple[float, float]:
     return first, last
 
 
-def _detections(config: ViewConfig, opened: Opened, console: Console) -> tuple[Detection, ...]:
-    if opened.recording is None and config.detections is None:
-        return opened.detections
-    source = config.detections or STAGES / opened.name / "detections.npz"
-    if config.detections is not None and not source.is_file():
-        raise FileError(source, "no such file; 'tossid detect' makes it")
-    if config.detections is not None or _left_by_a_stage(source, opened, console):
-        return read_detections(source)
+def _detections(config: ViewConfig, opened: Opened, console: Console) -> Sequence[Detection]:
+    given = config.detections is not None or opened.recording is None
+    if given or _left_by_a_stage(stage_file(opened, DETECTIONS), opened, console):
+        return stage_detections(opened, config.detections)
     with reported(console) as progress:
         report = Reporter(progress)
         return tuple(stages.detect(opened, settings=config.detect, threads=config.threads, report=report))
@@ -187,40 +184,17 @@ def _left_by_a_stage(file: Path, opened: Opened, console: Console) -> bool:
 
 
 def _between(track: PoseTrack, first: float, last: float) -> PoseTrack | None:
-    own = (track.t >= first) & (track.t <= last)
-    if own.sum() < 2:
-        return None
-    cov = None if track.q_cov is None else track.q_cov[own]
-    return replace(track, t=track.t[own], q=track.q[own], q_cov=cov, v=None if track.v is None else track.v[own])
+    own = slice(int(np.searchsorted(track.t, first)), int(np.searchsorted(track.t, last, side="right")))
+    return track.frames(own) if own.stop - own.start > 1 else None
 
 
-def _frames(
-    recording: Recording, late: Mapping[str, float], first: float, last: float, every: int
-) -> dict[str, list[FrameFile]]:
+def _frames(recording: Recording, late: Mapping[str, float], first: float, last: float) -> dict[str, list[FrameFile]]:
     """Each camera's frames in a stretch of time, with the clocks' offsets that tracking found taken off."""
     found = {}
     for name, files in recording.frames.items():
         shifted = [replace(file, t_ns=file.t_ns - round(late[name] * 1e9)) for file in files]
-        found[name] = [file for file in shifted if first <= file.t_ns * 1e-9 <= last][::every]
+        found[name] = [file for file in shifted if first <= file.t_ns * 1e-9 <= last]
     return found
-
-
-def thinned(content: ViewContent) -> tuple[ViewContent, int]:
-    """A recording with each so many-th frame that its images take no more than `MOST_BYTES`, and how many that is.
-
-    Args:
-        content: Of a recording.
-    """
-    if content.frames is None:
-        return content, 1
-    total = 0.0
-    for camera in content.cameras:
-        files = content.frames[camera.name]
-        some = files[:: max(1, len(files) // SAMPLED)]
-        own = [file.path.stat().st_size for file in some if file.path.suffix.lower() in STORED]
-        total += len(files) * (float(np.mean(own)) if own else JPEG_BYTES * float(np.prod(camera.resolution)))
-    every = max(1, int(np.ceil(total / MOST_BYTES)))
-    return replace(content, frames={name: files[::every] for name, files in content.frames.items()}), every
 
 
 def moving_bodies(
@@ -236,7 +210,7 @@ def moving_bodies(
             continue
         number = model.body_names.index(name) if model is not None and name in model.body_names else None
         polygons = () if model is None or number is None else _polygons(model, number)
-        tags = () if body is None else tuple(tag for tag in body.tags if tag.T_body_tag is not None)
+        tags = () if body is None else _placed(body)
         found.append(_moving(name, track, track.q[:, :3], track.q[:, 3:7], polygons, tags))
     return tuple(found)
 
@@ -248,10 +222,14 @@ def _of_model(track: PoseTrack, model: ObjectModel, layout: TagLayout | None) ->
         tags = body_tags(model, b)
         if layout is not None and model.n_bodies == 1:
             own = object_body(layout, model.body_names)
-            tags = tags if own is None else tuple(tag for tag in own.tags if tag.T_body_tag is not None)
+            tags = tags if own is None else _placed(own)
         base = track if b == 0 else replace(track, q_cov=None)
         found.append(_moving(name, base, p[:, b], quat[:, b], _polygons(model, b), tags))
     return found
+
+
+def _placed(body: Body) -> tuple[BodyTag, ...]:
+    return tuple(tag for tag in body.tags if tag.T_body_tag is not None)
 
 
 def _moving(

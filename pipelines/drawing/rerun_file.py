@@ -18,14 +18,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pipelines.cli.console import Console
 from pipelines.drawing.recording_view import (
     SINCE_1970,
-    STORED,
     Moving,
     ViewContent,
     faces_in_view,
@@ -57,6 +55,8 @@ COLOURS = {
 BODY = (200, 200, 205)
 PREDICTED = ((240, 120, 60), (80, 190, 190))
 FOUND, PLACED = (60, 200, 60), (255, 140, 0)
+STORED = (".jpg", ".jpeg", ".png")
+"""Files of images that a Rerun file takes as they are."""
 HALF = 0.5
 """Rerun counts pixels from the first one's corner, we from its middle."""
 
@@ -246,8 +246,7 @@ def _log_frames(stream: rr.RecordingStream, content: ViewContent, console: Conso
             for i, t in enumerate(times[camera.name]):
                 stream.set_time("time", **_at(float(t)))
                 if content.frames is not None:
-                    file = content.frames[camera.name][i]
-                    stream.log(entity, rr.EncodedImage(contents=_encoded(content, file), media_type=_media(file)))
+                    stream.log(entity, _image(content, content.frames[camera.name][i]))
                 seen = found.get((camera.name, round(float(t) * 1e6)), [])
                 strips = [HALF + np.array([*d.corners, d.corners[0]]) for d in seen]
                 words = [str(d.tag_id) for d in seen]
@@ -262,17 +261,12 @@ def _log_frames(stream: rr.RecordingStream, content: ViewContent, console: Conso
     return sum(map(len, times.values())) if content.frames is not None else 0
 
 
-def _media(file: FrameFile) -> str:
-    return "image/png" if file.path.suffix.lower() == ".png" else "image/jpeg"
-
-
-def _encoded(content: ViewContent, file: FrameFile) -> bytes:
+def _image(content: ViewContent, file: FrameFile) -> rr.EncodedImage:
     """A frame as it lies on the disk, or as JPEG where it is in a video, a bag or another format."""
     if file.path.suffix.lower() in STORED:
-        return file.path.read_bytes()
+        return rr.EncodedImage(path=file.path)
     assert content.recording is not None
-    _, encoded = cv2.imencode(".jpg", content.recording.read(file).image, [cv2.IMWRITE_JPEG_QUALITY, 85])
-    return bytes(encoded.tobytes())
+    return rr.Image(content.recording.read(file).image, color_model="L").compress(jpeg_quality=85)
 
 
 def _blueprint(content: ViewContent) -> rrb.Blueprint:

@@ -31,7 +31,7 @@ FAR = 1e2
 
 def toss_content(config: ViewConfig, console: Console) -> ViewContent:
     """Tosses of a dataset one after another, with a run's rollouts of them or with those of a gap's simulators."""
-    report = _read_gap(config.gap) if config.gap is not None else None
+    report, beside = (None, Path()) if config.gap is None else _read_gap(config.gap)
     trained, path = None, config.data
     if config.run is not None:
         from pipelines.tracking.runs import find_run
@@ -60,7 +60,7 @@ def toss_content(config: ViewConfig, console: Console) -> ViewContent:
 
         rollouts["predicted"] = [motion.q for motion in predicted_motions(trained.model, model, tosses)]
     if report is not None:
-        rollouts |= gap_rollouts(report, dataset, tosses, console, beside=_folder_of(config.gap))
+        rollouts |= gap_rollouts(report, dataset, tosses, console, beside=beside)
     moving = _bodies([(t.t, t.q, t.q_cov) for t in tosses], model)
     predicted = {
         name: _bodies([(toss.t, q, None) for toss, q in zip(tosses, motions, strict=True)], model)
@@ -102,14 +102,8 @@ def _bodies(pieces: Sequence[tuple[Array, Array, Array | None]], model: ObjectMo
     return moving_bodies({model.name: track}, None, model)
 
 
-def _folder_of(gap: Path | None) -> Path:
-    """The folder of a gap report, which may be named by its gap.json."""
-    assert gap is not None
-    return gap if gap.is_dir() else gap.parent
-
-
-def _read_gap(path: Path) -> dict[str, Any]:
-    """A gap.json, or the one in a folder that `diagnose` wrote."""
+def _read_gap(path: Path) -> tuple[dict[str, Any], Path]:
+    """A gap.json, or the one in a folder that `diagnose` wrote, and its folder."""
     file = path / "gap.json" if path.is_dir() else path
     try:
         report = json.loads(file.read_text(encoding="utf-8"))
@@ -117,7 +111,7 @@ def _read_gap(path: Path) -> dict[str, Any]:
         raise FileError(file, "is no gap report; 'tossid diagnose' makes one") from error
     if not isinstance(report, dict) or not str(report.get("schema", "")).startswith("tossid.gap/"):
         raise FileError(file, "is no gap report; 'tossid diagnose' makes one")
-    return report
+    return report, file.parent
 
 
 def gap_rollouts(
@@ -131,20 +125,15 @@ def gap_rollouts(
     import shutil
     import tempfile
 
-    from tossid.diagnosis.likelihood.engine_discrepancy import MujocoWorld
-    from tossid.diagnosis.likelihood.windows import make_windows, steps_of
-    from tossid.diagnosis.localisation.rollouts import first_states
-    from tossid.diagnosis.patch.make import ASSETS, read_spec
-    from tossid.diagnosis.simulators import world_of_mjcf
+    from tossid.diagnosis.likelihood.windows import make_windows
+    from tossid.diagnosis.localisation.rollouts import rolled_out
+    from tossid.diagnosis.patch.make import ASSETS
     from tossid.physics.effects import World
 
-    dt = frame_time(tosses)
-    steps = np.array([len(toss) - 1 for toss in tosses])
-    runs: dict[str, Array] = {}
+    runs: dict[str, Sequence[Array]] = {}
     if report.get("simulator", {}).get("sim") == "nominal":
         world = World(dataset.object)
-        q0, v0 = first_states(tosses, world, make_windows(tosses, world.object))
-        runs["stated"] = world.roll_out(q0, v0, n_steps=steps, dt=dt, **steps_of(world))
+        runs["stated"] = rolled_out(tosses, world, make_windows(tosses, world.object))
     patch = report.get("patch", {})
     if patch.get("mjcf"):
         with tempfile.TemporaryDirectory() as folder:
@@ -152,33 +141,39 @@ def gap_rollouts(
             path.write_text(patch["mjcf"], encoding="utf-8")
             if patch.get("assets"):
                 shutil.copytree(beside / ASSETS, Path(folder) / ASSETS)
-            world, _ = world_of_mjcf(path, width=dataset.object.width)
-            model = read_spec(path).compile()
-        patched = MujocoWorld(model, replace(world, ground_height=0.0, ground_tilt=(0.0, 0.0)))
-        q0, v0 = first_states(tosses, world, make_windows(tosses, world.object))
-        runs["patched"] = patched.roll_out(q0, v0, n_steps=steps, dt=dt)
+            runs["patched"] = in_mujoco(path, tosses, width=dataset.object.width)
     if patch.get("recording"):
         console.warn(f"rollouts are not corrected for what is wrong of the recording: {', '.join(patch['recording'])}")
-    return {name: [run[i, : len(toss)] for i, toss in enumerate(tosses)] for name, run in runs.items()}
+    return runs
+
+
+def in_mujoco(mjcf: Path, tosses: Sequence[Toss], *, width: float) -> list[Array]:
+    """Motions (n, 7) of tosses in a user's MuJoCo model, each from what its free flight says of its start.
+
+    Args:
+        mjcf: The model.
+        tosses: As measured.
+        width: Of the object [m].
+    """
+    from tossid.diagnosis.likelihood.engine_discrepancy import MujocoWorld
+    from tossid.diagnosis.likelihood.windows import make_windows
+    from tossid.diagnosis.localisation.rollouts import at_frames, first_states
+    from tossid.diagnosis.simulators import world_of_mjcf
+
+    world, model = world_of_mjcf(mjcf, width=width)
+    simulated = MujocoWorld(model, replace(world, ground_height=0.0, ground_tilt=(0.0, 0.0)))
+    first = first_states(tosses, world, make_windows(tosses, world.object))
+    return at_frames(tosses, first, frame_time(tosses), simulated.roll_out)
 
 
 def in_words(report: dict[str, Any]) -> str:
     """A gap report's conclusion, as Markdown."""
-    from tossid.diagnosis.findings import FOUND
-
-    explanation, total = report.get("explanation", {}), report.get("gap", {}).get("total", {})
+    total, verdict = report["gap"]["total"], report["explanation"]["verdict"].replace("_", " ")
     lines = [
-        f"# {report.get('simulator', {}).get('about', 'Gap')}",
-        f"Verdict: **{str(explanation.get('verdict', '')).replace('_', ' ')}**. "
-        f"Gap: {total.get('value', float('nan')):.2f} {total.get('unit', '')}.",
+        f"# {report['simulator']['about']}",
+        f"Verdict: **{verdict}**. Gap: {total['value']:.2f} {total['unit']}.",
         "",
-        "| effect | verdict | value | closes |",
-        "|---|---|---|---|",
     ]
-    for effect in report.get("effects", []):
-        if effect.get("verdict") not in FOUND:
-            continue
-        values = ", ".join(f"{name} {value['value']:.4g}" for name, value in effect.get("parameters", {}).items())
-        closes = 100 * effect.get("gap_closed", {}).get("value", float("nan"))
-        lines.append(f"| {effect['name']} | {effect['verdict']} | {values} | {closes:.0f} % |")
+    for change in report["change"]:
+        lines.append(f"- {change['name']} {change['parameter']}: {change['from']:.4g}, found {change['to']:.4g}")
     return "\n".join(lines) + "\n"

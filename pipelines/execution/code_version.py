@@ -21,22 +21,15 @@ def commit() -> str:
     """The clone's commit, with "+changes" where tracked files differ from it; "" outside a clone."""
     if not (ROOT / ".git").exists():
         return ""
+    words = ["describe", "--always", "--exclude=*", "--abbrev=40", "--dirty=+changes"]
     try:
-        head = _git("rev-parse", "HEAD")
-        changed = _git("status", "--porcelain", "--untracked-files=no")
+        done = subprocess.run(["git", "-C", str(ROOT), *words], capture_output=True, text=True, timeout=10, check=True)
     except (OSError, subprocess.SubprocessError):
         return ""
-    return f"{head}+changes" if changed else head
+    return done.stdout.strip()
 
 
 def version_line() -> str:
     """Version and commit, for people and logs."""
-    where = commit()
-    return f"tossid {version()}" + (
-        f" ({where[:12]}{'+changes' if where.endswith('+changes') else ''})" if where else ""
-    )
-
-
-def _git(*args: str) -> str:
-    done = subprocess.run(["git", "-C", str(ROOT), *args], capture_output=True, text=True, timeout=10, check=True)
-    return done.stdout.strip()
+    head, plus, changes = commit().partition("+")
+    return f"tossid {version()}" + (f" ({head[:12]}{plus}{changes})" if head else "")

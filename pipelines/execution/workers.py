@@ -18,42 +18,59 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
 from multiprocessing import connection
 from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
-from pipelines.config.schemas.launching import DaskLauncher, Launcher, ProcessesLauncher, SlurmLauncher
-from pipelines.execution.environment import environment
-from pipelines.execution.interrupts import interrupted_later
+from pipelines.config.schemas import DaskLauncher, Launcher, ProcessesLauncher, SlurmLauncher
+from pipelines.execution.process import environment, interrupted_later
 from tossid.code_digest import code_digest
 from tossid.errors import ConfigError, FileError, InputError
 from tossid.versions import computing_versions, differing_versions
 
 R = TypeVar("R")
+Submit = Callable[..., Future[Any]]
 
 EXTRA = "pip install 'tossid[cluster]'"
 _LOOPBACK = "127.0.0.1:0"
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
-@dataclass(frozen=True)
-class Workers:
-    """Workers that can take work.
+@contextmanager
+def submitting(launcher: Launcher, count: int | None, items: int) -> Iterator[Submit | None]:
+    """What gives work to workers for as long as the command needs them. Its end, of any kind, ends their work.
 
-    Attributes:
-        executor: Takes the work.
-        count: Number of pieces that are computed at the same time.
+    Args:
+        launcher: Which workers.
+        count: Number of processes, None for one a core; a cluster has its own number. With one, none is started.
+        items: How many pieces of work there are.
+
+    Yields:
+        `submit` of an executor; None where this process does the work alone.
+
+    Raises:
+        ConfigError: The cluster cannot be reached, has no TLS, or cannot import tossid.
     """
+    workers: AbstractContextManager[Executor] | None
+    match launcher:
+        case ProcessesLauncher():
+            count = min(count or os.cpu_count() or 1, items)
+            workers = _processes(count) if count > 1 else None
+        case DaskLauncher():
+            workers = _dask(launcher)
+        case SlurmLauncher():
+            workers = _slurm(launcher)
+    if not items or workers is None:
+        yield None
+        return
+    with workers as executor:
 
-    executor: Executor
-    count: int
+        def submit(function: Callable[..., R], *args: Any) -> Future[R]:
+            with interrupted_later():  # a worker that starts as its command ends complains of a lost lock
+                return executor.submit(_with_code, _code(), computing_versions(), function, *args)
 
-    def submit(self, function: Callable[..., R], *args: Any) -> Future[R]:
-        """Give a call to a worker, which refuses it if it has other code or other versions of what computes."""
-        with interrupted_later():  # a worker that starts as its command ends complains of a lost lock
-            return self.executor.submit(_with_code, _code(), computing_versions(), function, *args)
+        yield submit
 
 
 def _code() -> str:
@@ -70,78 +87,6 @@ def _with_code(code: str, versions: dict[str, str], function: Callable[..., R], 
     if _code() != code:
         raise InputError("a worker has another version of tossid than the command; install the same on both")
     return function(*args)
-
-
-# ---------------------------------------------------------------- kinds of workers
-
-
-@contextmanager
-def open_workers(launcher: Launcher, count: int | None) -> Iterator[Workers]:
-    """Workers, for as long as the command needs them. Its end, of any kind, ends their work.
-
-    Args:
-        launcher: Which workers.
-        count: Number of processes, None for one a core. A cluster has its own number.
-
-    Raises:
-        ConfigError: The cluster cannot be reached, has no TLS, or cannot import tossid.
-    """
-    with _OPENERS[type(launcher)](launcher, count) as workers:
-        yield workers
-
-
-@contextmanager
-def submitting(launcher: Launcher, count: int | None, items: int) -> Iterator[Callable[..., Future[Any]] | None]:
-    """What gives work to as many workers as there is work for; None where this process does it alone.
-
-    Args:
-        launcher: Which workers.
-        count: Number of processes, None for one a core. With one, no process is started.
-        items: How many pieces of work there are.
-
-    Raises:
-        ConfigError: As of `open_workers`.
-    """
-    if isinstance(launcher, ProcessesLauncher):
-        count = min(count or os.cpu_count() or 1, items)
-    if not items or (isinstance(launcher, ProcessesLauncher) and count == 1):
-        yield None
-        return
-    with open_workers(launcher, count) as workers:
-        yield workers.submit
-
-
-@contextmanager
-def _on_processes(launcher: ProcessesLauncher, count: int | None) -> Iterator[Workers]:
-    count = count or os.cpu_count() or 1
-    with _processes(count) as pool:
-        yield Workers(pool, count)
-
-
-@contextmanager
-def _on_dask(launcher: DaskLauncher, count: int | None) -> Iterator[Workers]:
-    if not launcher.insecure and launcher.address.startswith("tcp://") and not _is_loopback(launcher.address):
-        problem = f"{launcher.address} has no TLS: whoever reaches that port can run code as you."
-        raise ConfigError(
-            "launcher.address",
-            f"{problem} Expected tls://HOST:PORT and launcher.tls=FOLDER (or launcher.insecure=true).",
-        )
-    with _client(launcher.address, launcher.wait_s, "launcher.address", security=_certified(launcher.tls)) as client:
-        yield client
-
-
-@contextmanager
-def _on_slurm(launcher: SlurmLauncher, count: int | None) -> Iterator[Workers]:
-    with _slurm(launcher) as cluster, _client(cluster, launcher.wait_s, "launcher.jobs") as found:
-        yield Workers(found.executor, launcher.jobs)
-
-
-_OPENERS: dict[type, Callable[[Any, int | None], AbstractContextManager[Workers]]] = {
-    ProcessesLauncher: _on_processes,
-    DaskLauncher: _on_dask,
-    SlurmLauncher: _on_slurm,
-}
-"""How the workers of each launcher are opened."""
 
 
 @contextmanager
@@ -177,7 +122,18 @@ def _end_with(sentinel: int) -> None:
 
 
 @contextmanager
-def _client(scheduler: Any, wait_s: float, key: str, *, security: Any = None) -> Iterator[Workers]:
+def _dask(launcher: DaskLauncher) -> Iterator[Executor]:
+    """The workers of a scheduler that runs already."""
+    if not launcher.insecure and launcher.address.startswith("tcp://") and not _is_loopback(launcher.address):
+        problem = f"{launcher.address} has no TLS: whoever reaches that port can run code as you."
+        expected = "Expected tls://HOST:PORT and launcher.tls=FOLDER (or launcher.insecure=true)."
+        raise ConfigError("launcher.address", f"{problem} {expected}")
+    with _client(launcher.address, launcher.wait_s, "launcher.address", security=_certified(launcher.tls)) as executor:
+        yield executor
+
+
+@contextmanager
+def _client(scheduler: Any, wait_s: float, key: str, *, security: Any = None) -> Iterator[Executor]:
     """The workers of a scheduler (an address, or a cluster of dask-jobqueue), once it has one."""
     try:
         from distributed import Client
@@ -191,15 +147,14 @@ def _client(scheduler: Any, wait_s: float, key: str, *, security: Any = None) ->
     with client:
         try:
             client.wait_for_workers(1, timeout=wait_s)
+            client.run(code_digest)
         except TimeoutError as error:
             raise ConfigError(key, f"no worker came within {wait_s:g} s.") from error
-        try:
-            client.run(code_digest)
         except ImportError as error:
             raise ConfigError(key, f"its workers cannot import tossid ({error}).") from error
         executor = client.get_executor(pure=False)
         try:
-            yield Workers(executor, sum(client.nthreads().values()))
+            yield executor
         except BaseException:
             executor.shutdown(wait=False)
             raise
@@ -227,7 +182,7 @@ def _certified(folder: Path | None) -> Any:
 
 
 @contextmanager
-def _slurm(launcher: SlurmLauncher) -> Iterator[Any]:
+def _slurm(launcher: SlurmLauncher) -> Iterator[Executor]:
     """Jobs of one core, ended with the command.
 
     The scheduler listens on `launcher.interface` alone, with TLS. Its certificate and key are in a folder of mode 0700
@@ -265,5 +220,5 @@ def _slurm(launcher: SlurmLauncher) -> Iterator[Any]:
                 )
         except (OSError, ValueError, RuntimeError) as error:
             raise ConfigError("launcher", f"jobs cannot be submitted to Slurm ({error}).") from error
-        with cluster:
-            yield cluster
+        with cluster, _client(cluster, launcher.wait_s, "launcher.jobs") as executor:
+            yield executor

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,13 +12,15 @@ from tossid.errors import FileError
 from tossid.ingestion.ingest import with_object
 from tossid.outputs import recover_folder
 from tossid.settings.objects import ObjectSettings
-from tossid.types import PoseTrack
+from tossid.types import Detection, PoseTrack
 from tossid.vision.recordings.formats.frames import FramesSource
-from tossid.vision.recordings.npz import read_tracks
+from tossid.vision.recordings.npz import read_detections, read_tracks
 from tossid.vision.recordings.registry import Contents, Opened, open_recording, recognized_format
 
 STAGES = Path("outputs/stages")
 """Where the stages leave their files, a folder for each recording."""
+DETECTIONS, POSES = "detections.npz", "poses.npz"
+"""What `detect` and `track` leave there."""
 
 
 def located(source: Any) -> Any:
@@ -51,11 +54,34 @@ def open_stage(path: Path | None, object: ObjectSettings | None = None, *, defau
     return with_object(open_recording(source), object, default=default)
 
 
-def read_track(path: Path) -> PoseTrack:
-    """The one track that `tossid track` wrote."""
+def stage_file(opened: Opened, name: str) -> Path:
+    """Where a stage leaves its file of a recording."""
+    return STAGES / opened.name / name
+
+
+def stage_detections(opened: Opened, given: Path | None) -> Sequence[Detection]:
+    """What `tossid detect` wrote, or what a bag holds.
+
+    Args:
+        opened: The recording.
+        given: The file that a key names; None for the bag's, else for that of this recording.
+    """
+    if given is None and opened.recording is None:
+        return opened.detections
+    return read_detections(_made(given or stage_file(opened, DETECTIONS), by="detect"))
+
+
+def stage_tracks(opened: Opened, given: Path | None) -> Sequence[PoseTrack]:
+    """What `tossid track` wrote.
+
+    Args:
+        opened: The recording.
+        given: The file that a key names; None for that of this recording.
+    """
+    return read_tracks(_made(given or stage_file(opened, POSES), by="track"))
+
+
+def _made(path: Path, *, by: str) -> Path:
     if not path.is_file():
-        raise FileError(path, "no such file; 'tossid track' makes it")
-    tracks = read_tracks(path)
-    if len(tracks) != 1:
-        raise FileError(path, f"holds {len(tracks)} tracks, expected one")
-    return tracks[0]
+        raise FileError(path, f"no such file; 'tossid {by}' makes it")
+    return path

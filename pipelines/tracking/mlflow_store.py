@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
 from pipelines.cli.console import Console
-from pipelines.execution.environment import environment
+from pipelines.execution.process import environment
 from pipelines.tracking.addresses import check_address, is_database, is_server, redacted, without_password
 from tossid import budget
 from tossid.errors import FileError, InputError
@@ -91,7 +91,13 @@ def _opened(uri: str, database: Path) -> MlflowClient:
     from sqlalchemy.exc import SQLAlchemyError
 
     budget.regular_size(database)
-    _check_file(database)
+    try:  # MLflow would try a damaged file ten times, for 100 s
+        with closing(sqlite3.connect(database)) as store:
+            store.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    except sqlite3.OperationalError:  # another process holds it, or it may not be opened: MLflow waits, or says so
+        pass
+    except sqlite3.DatabaseError as error:
+        raise FileError(database, _DAMAGED) from error
     try:
         client = MlflowClient(uri)
         client.search_experiments(max_results=1)
@@ -103,21 +109,6 @@ def _opened(uri: str, database: Path) -> MlflowClient:
             raise FileError(database, _DAMAGED) from error
         raise
     return client
-
-
-def _check_file(database: Path) -> None:
-    """See whether SQLite can read a store; MLflow would try it ten times, for 100 s.
-
-    Raises:
-        FileError: The file is damaged.
-    """
-    try:
-        with closing(sqlite3.connect(database)) as store:
-            store.execute("SELECT count(*) FROM sqlite_master").fetchone()
-    except sqlite3.OperationalError:  # another process holds it, or it may not be opened: MLflow waits, or says so
-        return
-    except sqlite3.DatabaseError as error:
-        raise FileError(database, _DAMAGED) from error
 
 
 def _answering(client: MlflowClient, uri: str) -> MlflowClient:
@@ -138,7 +129,7 @@ def _answering(client: MlflowClient, uri: str) -> MlflowClient:
             problem = f"the tracking server refuses ({first}); is it MLflow's, and are name and password right?"
         else:
             problem = f"the tracking server does not answer; {_ADVICE}"
-        raise InputError(f"MLFLOW_TRACKING_URI={without_password(uri)}: {problem}") from error
+        raise _refused(uri, problem) from error
     return client
 
 
@@ -157,12 +148,15 @@ def _check_database(uri: str) -> None:
         with create_engine(uri, poolclass=NullPool, connect_args=wait).connect():
             pass
     except ImportError as error:
-        problem = f"the database's driver is not installed ({error}); pip install 'tossid[server]', and write postgresql+psycopg2://"
-        raise InputError(f"MLFLOW_TRACKING_URI={without_password(uri)}: {problem}") from error
+        driver = "pip install 'tossid[server]', and write postgresql+psycopg2://"
+        raise _refused(uri, f"the database's driver is not installed ({error}); {driver}") from error
     except (SQLAlchemyError, ValueError) as error:
         first = redacted(str(getattr(error, "orig", None) or error).partition("\n")[0])
-        problem = f"the database does not answer ({first}); {_ADVICE}"
-        raise InputError(f"MLFLOW_TRACKING_URI={without_password(uri)}: {problem}") from error
+        raise _refused(uri, f"the database does not answer ({first}); {_ADVICE}") from error
+
+
+def _refused(uri: str, problem: str) -> InputError:
+    return InputError(f"MLFLOW_TRACKING_URI={without_password(uri)}: {problem}")
 
 
 def _let_sqlite_wait() -> None:
@@ -216,21 +210,12 @@ def find_experiment(client: MlflowClient, name: str) -> str | None:
     Returns:
         The id; None if it is not there.
     """
-    from mlflow.exceptions import MlflowException
-
     found = client.get_experiment_by_name(name)
     if found is None:
         return None
     if found.lifecycle_stage == "deleted":
-        try:
-            client.restore_experiment(found.experiment_id)
-        except MlflowException:  # another process was faster
-            if client.get_experiment(found.experiment_id).lifecycle_stage == "deleted":
-                raise
+        client.restore_experiment(found.experiment_id)
         Console().warn(f"experiment '{name}' had been deleted in MLflow; it is restored, with all of its runs")
-    for tag, value in _KIND.items():
-        if tag not in found.tags:  # an earlier version made it
-            client.set_experiment_tag(found.experiment_id, tag, value)
     return str(found.experiment_id)
 
 

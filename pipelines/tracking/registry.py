@@ -5,8 +5,6 @@ What is registered predicts: states at some instant in, the motion that follows 
 
 from __future__ import annotations
 
-import json
-import shutil
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipelines.tracking.runs import CHECKPOINT
+from pipelines.execution.code_version import version
 
 if TYPE_CHECKING:
-    from mlflow.models import Model, ModelSignature
+    from mlflow.models import ModelSignature
 
     from tossid.models import TrainedModel
 
@@ -67,38 +65,36 @@ def signature_of(trained: TrainedModel) -> ModelSignature:
     )
 
 
-EXAMPLE = "input_example.json"
 EXAMPLE_STEPS = 74
 """Half a second, from the state of the example to the ground."""
 
 
-def example_of(trained: TrainedModel) -> dict[str, Any]:
-    """A call as a server takes it: the object 0.3 m above the ground, at 1 m/s along x."""
-    model = trained.model.object
-    q, v = np.zeros((1, model.nq)), np.zeros((1, model.nv))
-    q[:, 2:4], v[:, 0] = (0.3, 1.0), 1.0
-    return {"inputs": {"q": q.tolist(), "v": v.tolist()}, "params": {"n_steps": EXAMPLE_STEPS}}
+def write_model(checkpoint: Path, folder: Path) -> ModelSignature:
+    """Write a model in MLflow's form, around a checkpoint; returns its signature.
 
+    The example of a call is the object 0.3 m above the ground, at 1 m/s along x.
 
-def write_model(checkpoint: Path, folder: Path) -> Model:
-    """A model in MLflow's form, around a checkpoint, with an example of a call."""
+    Args:
+        checkpoint: Of a training.
+        folder: A new folder.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # MLflow, when it is imported, warns of its own type hints
-        from mlflow.models import Model
-        from mlflow.pyfunc import add_to_model
+        from mlflow.pyfunc import save_model
 
     from tossid.models import TrainedModel
 
-    about = TrainedModel.load(checkpoint)
-    shutil.copyfile(checkpoint, folder / CHECKPOINT)
-    (folder / EXAMPLE).write_text(json.dumps(example_of(about)), encoding="utf-8")
-    model = Model(
-        signature=signature_of(about),
-        metadata={"tossid.model": about.name, "data": about.sha256},
-        saved_input_example_info={
-            "artifact_path": EXAMPLE, "serving_input_path": EXAMPLE, "type": "ndarray", "params": "true"
-        },
-    )  # fmt: skip
-    add_to_model(model, loader_module=__name__, data=CHECKPOINT)
-    model.save(str(folder / "MLmodel"))
-    return model
+    trained = TrainedModel.load(checkpoint)
+    signature, model = signature_of(trained), trained.model.object
+    q, v = np.zeros((1, model.nq)), np.zeros((1, model.nv))
+    q[:, 2:4], v[:, 0] = (0.3, 1.0), 1.0
+    save_model(
+        folder,
+        loader_module=__name__,
+        data_path=str(checkpoint),
+        signature=signature,
+        input_example=({"q": q, "v": v}, {"n_steps": EXAMPLE_STEPS}),
+        pip_requirements=[f"tossid=={version()}"],
+        metadata={"tossid.model": trained.name, "data": trained.sha256},
+    )
+    return signature

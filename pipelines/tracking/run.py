@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any
 
 from pipelines.config.compose import as_plain, flatten
 from pipelines.execution.code_version import commit, version
-from pipelines.execution.interrupts import interrupted_later
+from pipelines.execution.process import interrupted_later
 from pipelines.tracking.mlflow_store import at_once, client, experiment_id
-from pipelines.tracking.runs import CHECKPOINT, COMMAND_TAG, CONFIG, EXPERIMENT
+from pipelines.tracking.runs import COMMAND_TAG, CONFIG, EXPERIMENT
 from tossid.versions import computing_versions
 
 if TYPE_CHECKING:
@@ -98,12 +98,6 @@ class TrackedRun:
         else:
             self._client.log_artifact(self.id, str(path), folder)
 
-    def checkpoint(self, path: Path) -> None:
-        """Copy the run's checkpoint to its artifacts, under the name that `find_run` looks for."""
-        if path.name != CHECKPOINT:
-            raise ValueError(f"a checkpoint is named {CHECKPOINT}, not {path.name}")
-        self.artifact(path)
-
     def text(self, text: str, name: str) -> None:
         """Log a text (Markdown, YAML, JSON) as an artifact."""
         self._client.log_text(self.id, text, name)
@@ -115,7 +109,7 @@ def tracked_run(
     config: Any,
     *,
     command: str,
-    parent: TrackedRun | str | None = None,
+    parent: TrackedRun | None = None,
     tags: Mapping[str, str] | None = None,
     resume: str | None = None,
 ) -> Iterator[TrackedRun]:
@@ -125,7 +119,7 @@ def tracked_run(
         name: what a person calls it.
         config: a config dataclass, or a mapping: logged as `config.yaml` and, flattened, as parameters.
         command: what made it ("train"); `find_run` looks runs up by it.
-        parent: the run (or its id) that this one belongs to.
+        parent: the run that this one belongs to.
         tags: further tags.
         resume: id of a run that was left, to go on under it; where this store does not have it, a new one is begun.
 
@@ -142,7 +136,7 @@ def tracked_run(
         all_tags["mlflow.source.git.commit"] = commit()
     all_tags |= {"mlflow.source.name": f"tossid {command}", "mlflow.source.type": "LOCAL", "mlflow.user": _user()}
     if parent is not None:
-        all_tags["mlflow.parentRunId"] = parent.id if isinstance(parent, TrackedRun) else parent
+        all_tags["mlflow.parentRunId"] = parent.id
     run = _left(store, resume)
     if run is None:
         run = TrackedRun(store, store.create_run(experiment, tags=all_tags, run_name=name).info.run_id)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import json
 import os
+import re
 import tempfile
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -26,7 +27,8 @@ RUN = "run.json"
 TRAININGS = Path("outputs/train")
 """Folder of the trainings' folders, relative to the folder that a command is run in."""
 COMMAND_TAG = "tossid.command"
-_REGISTERED = "models:/"
+_MOST_RUNS = 50_000
+"""As many as MLflow gives at once."""
 _COPIES = ExitStack()
 """Copies of what lies on a server, removed when the command ends."""
 atexit.register(_COPIES.close)
@@ -52,16 +54,12 @@ class RunRecord:
         """Its checkpoint.
 
         Raises:
-            InputError: It has none; names a folder of this project with the same, where there is one.
+            InputError: It has none.
         """
         if self.checkpoint is not None:
             return self.checkpoint
         there = "has no checkpoint" if self.folder.is_dir() else f"has lost its files, there is no folder {self.folder}"
-        copies = [
-            path.parent for path in sorted(TRAININGS.glob(f"*/{RUN}")) if self.id and run_id_in(path.parent) == self.id
-        ]
-        remedy = f"; run={copies[0]} is the same training" if copies else "; run=NAME names another run, or a folder"
-        raise InputError(f"run {self.name} ({self.id or self.folder}) {there}{remedy}")
+        raise InputError(f"run {self.name} ({self.id or self.folder}) {there}; run=NAME names another run, or a folder")
 
     def trained_model(self) -> TrainedModel:
         """The trained model that it keeps.
@@ -90,26 +88,31 @@ def find_run(reference: str | Path | None = None, *, command: str = "train") -> 
         InputError: There is no such run, or there are several.
         FileError: The folder is no run.
     """
-    if str(reference).startswith(_REGISTERED):
+    if str(reference).startswith("models:/"):
         return _registered(str(reference))
     if reference is not None and (Path(reference).is_dir() or os.sep in str(reference)):
         return _folder_record(Path(reference))
-    found = find_runs(command=command, finished=reference is None, nested=reference is not None)
-    if reference is None:
-        if not found:
-            gone = find_runs(command=command, finished=True, deleted=True)
-            yet = f" ({_deleted(gone[0])})" if gone else " yet"
-            raise InputError(f"there is no finished run{yet}; make one with 'tossid {command}'")
-        return record_of(found[0])
-    text = str(reference)
-    matches = _matching(found, text)
-    if not matches:
-        gone = _matching(find_runs(command=command, nested=True, deleted=True), text)
-        if gone:
-            raise InputError(f"run={text}: {_deleted(gone[0])}")
-        known = ", ".join(f"{run.info.run_name} ({run.info.run_id[:8]})" for run in found[:3])
-        raise InputError(f"run={text}: no such run of 'tossid {command}'; the newest are: {known or 'none'}")
-    return record_of(matches[0])
+    text = None if reference is None else str(reference)
+
+    def matches(*, deleted: bool) -> list[Any]:
+        found = find_runs(command=command, finished=text is None, nested=text is not None, deleted=deleted)
+        return found if text is None else _matching(found, text)
+
+    here = matches(deleted=False)
+    if here:
+        return record_of(here[0])
+    gone = matches(deleted=True)
+    why = ""
+    if gone:
+        name, run_id = gone[0].info.run_name, gone[0].info.run_id
+        why = f"run {name} was deleted in MLflow; 'mlflow runs restore --run-id {run_id}' brings it back"
+    if text is None:
+        raise InputError(f"there is no finished run{f' ({why})' if why else ' yet'}; make one with 'tossid {command}'")
+    if why:
+        raise InputError(f"run={text}: {why}")
+    newest = find_runs(command=command, nested=True)[:3]
+    known = ", ".join(f"{run.info.run_name} ({run.info.run_id[:8]})" for run in newest)
+    raise InputError(f"run={text}: no such run of 'tossid {command}'; the newest are: {known or 'none'}")
 
 
 def _matching(runs: list[Any], text: str) -> list[Any]:
@@ -122,22 +125,14 @@ def _matching(runs: list[Any], text: str) -> list[Any]:
     return matches
 
 
-def _deleted(run: Any) -> str:
-    there = f"run {run.info.run_name} was deleted in MLflow"
-    return f"{there}; 'mlflow runs restore --run-id {run.info.run_id}' brings it back"
-
-
 def _registered(reference: str) -> RunRecord:
     """The run behind a model of the registry: models:/NAME/VERSION, models:/NAME/latest, models:/NAME@ALIAS."""
     from mlflow.exceptions import MlflowException
 
-    name, at, alias = reference.removeprefix(_REGISTERED).partition("@")
-    version = ""
-    if not at:
-        name, _, version = name.partition("/")
-    if not name or not (alias or version == "latest" or version.isdigit()):
+    parts = re.fullmatch(r"models:/([^/@]+)(?:@(.+)|/(latest|\d+))", reference)
+    if parts is None:
         raise InputError(f"run={reference}: expected models:/NAME/VERSION, models:/NAME/latest or models:/NAME@ALIAS")
-    store = client()
+    (name, alias, version), store = parts.groups(), client()
     there = store.search_model_versions(f"name = '{name}'")
     try:
         if alias:
@@ -183,16 +178,9 @@ def find_runs(
     terms = [f"tags.`{name}` = '{value}'" for name, value in wanted.items()]
     if finished:
         terms.append("attributes.status = 'FINISHED'")
-    runs: list[Any] = []
-    token: str | None = None
-    while True:
-        page = store.search_runs(
-            [known], " and ".join(terms), view, order_by=["attributes.start_time DESC"], page_token=token
-        )
-        runs += [run for run in page if parent is not None or nested or "mlflow.parentRunId" not in run.data.tags]
-        token = page.token
-        if not token:
-            return runs
+    newest_first = ["attributes.start_time DESC"]
+    found = store.search_runs([known], " and ".join(terms), view, max_results=_MOST_RUNS, order_by=newest_first)
+    return [run for run in found if parent is not None or nested or "mlflow.parentRunId" not in run.data.tags]
 
 
 def record_of(run: Any) -> RunRecord:

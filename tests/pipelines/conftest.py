@@ -14,7 +14,8 @@ import pytest
 from pipelines.cli import app
 from pipelines.cli.console import Console
 from pipelines.config.compose import load
-from pipelines.config.schemas import ViewConfig
+from pipelines.config.keys import Group, keys_of
+from pipelines.config.schemas import IngestConfig, ViewConfig
 from pipelines.tracking.mlflow_store import client
 from pipelines.tracking.runs import find_run
 from tests.once import made_once
@@ -111,6 +112,12 @@ def content(film: Path) -> ViewContent:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(film)
         return recording_content(load("view", ViewConfig, [f"recording={film / 'film'}"]), Console(quiet=True))
+
+
+def members(group: str) -> tuple[str, ...]:
+    """The members of a group of `ingest`."""
+    (found,) = [key for key in keys_of(IngestConfig, {}) if isinstance(key, Group) and key.name == group]
+    return found.members()
 
 
 def one_line(text: str) -> str:

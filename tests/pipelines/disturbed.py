@@ -1,4 +1,4 @@
-"""Every command as a process of its own, and what may disturb it: a clock that jumps back, a full or read-only disk."""
+"""Every command as a process of its own, and what may disturb it: a full or read-only disk."""
 
 from __future__ import annotations
 
@@ -43,17 +43,6 @@ COMMANDS = {
     "view": "view recording=film sheet=sheet.png",
 }
 """Each needs what those before it make. ROUND is a number, for what would find nothing left to do."""
-
-CLOCK = """
-import os, time
-_time, _time_ns, _start = time.time, time.time_ns, time.monotonic()
-_after, _back = float(os.environ["JUMP_AFTER_S"]), int(os.environ["JUMP_BACK_S"])
-def _jump():
-    return _back if time.monotonic() - _start > _after else 0
-time.time = lambda: _time() - _jump()
-time.time_ns = lambda: _time_ns() - _jump() * 10**9
-"""
-"""As `sitecustomize.py`: the clock of a Python process, and of its children, jumps back once."""
 
 SMALL_DISK = """
 set -e

@@ -1,23 +1,17 @@
-"""PostgreSQL, an MLflow server, and Dask with its workers, as processes on loopback that a test throws away."""
+"""An MLflow server, and Dask with its workers, as processes on loopback that a test throws away."""
 
 from __future__ import annotations
 
 import os
-import runpy
-import shutil
 import socket
 import subprocess
 import sys
-import tempfile
 import time
 import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import pytest
 
 PORT = 18786
 QUIET = ["--no-dashboard", "--dashboard-address", "127.0.0.1:0"]
@@ -81,58 +75,13 @@ def free_port() -> int:
         return int(found.getsockname()[1])
 
 
-def _programs() -> Path | None:
-    """Where initdb and pg_ctl are."""
-    found = shutil.which("initdb")
-    folders = [Path(found).resolve().parent] if found else sorted(Path("/usr/lib/postgresql").glob("*/bin"))
-    return folders[-1] if folders and (folders[-1] / "initdb").exists() else None
-
-
-@contextmanager
-def postgres() -> Iterator[str]:
-    """A database's address; skips where PostgreSQL cannot be started."""
-    programs = _programs()
-    if programs is None:
-        pytest.skip("no PostgreSQL here (initdb, pg_ctl): apt install postgresql")
-    pytest.importorskip("psycopg2", reason="psycopg2 is an extra: pip install -e '.[server]'")
-    as_user = []
-    data, port = Path(tempfile.mkdtemp(prefix="tossid-pg-")), free_port()  # pytest's folders are for their owner alone
-    if os.geteuid() == 0:  # PostgreSQL refuses root
-        if shutil.which("runuser") is None or subprocess.run(["id", "postgres"], capture_output=True).returncode:
-            pytest.skip("PostgreSQL does not run as root, and there is no user postgres to run it")
-        as_user = ["runuser", "-u", "postgres", "--"]
-        shutil.chown(data, "postgres")
-
-    def call(*args: str) -> str:
-        done = subprocess.run([*as_user, *args], capture_output=True, text=True, cwd="/", timeout=120)
-        return done.stderr.strip()[-300:] if done.returncode else ""
-
-    problem = call(str(programs / "initdb"), "-D", f"{data}/db", "-U", "tossid", "--auth=trust", "--no-sync")
-    options = f"-p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories={data} -c fsync=off"
-    start = ["-D", f"{data}/db", "-l", f"{data}/log", "-w", "-o", options, "start"]
-    problem = problem or call(str(programs / "pg_ctl"), *start)
-    try:
-        if problem:
-            pytest.skip(f"PostgreSQL does not start here: {problem}")
-        yield address("", user="tossid", host="127.0.0.1", port=port, name="postgres")
-    finally:
-        call(str(programs / "pg_ctl"), "-D", f"{data}/db", "-m", "immediate", "stop")
-        shutil.rmtree(data, ignore_errors=True)
-
-
-def address(password: str, **more: Any) -> str:
-    """As docs/server/start.py has it."""
-    start = runpy.run_path(str(Path(__file__).parents[2] / "docs" / "server" / "start.py"))
-    return str(start["address"](password, **more))
-
-
 class Server:
     """An MLflow server that can be stopped and started again at the same address."""
 
-    def __init__(self, folder: Path, database: str) -> None:
+    def __init__(self, folder: Path) -> None:
         self.port = free_port()
         self.uri = f"http://127.0.0.1:{self.port}"
-        self._folder, self._database = folder, database
+        self._folder = folder
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:
@@ -140,7 +89,7 @@ class Server:
         args += ["--host", "127.0.0.1", "--port", str(self.port), "--workers", "1"]
         environment = {**os.environ, "MLFLOW_DISABLE_TELEMETRY": "true", "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
         environment.pop("MLFLOW_TRACKING_URI", None)
-        environment["MLFLOW_BACKEND_STORE_URI"] = self._database
+        environment["MLFLOW_BACKEND_STORE_URI"] = f"sqlite:///{self._folder / 'server.db'}"
         self._process = subprocess.Popen(
             [sys.executable, "-m", "mlflow", "server", *args],
             stdout=(self._folder / "server.log").open("ab"), stderr=subprocess.STDOUT, cwd=self._folder,

@@ -1,4 +1,4 @@
-"""kill -9 at random moments, two commands at once on one folder, a clock that jumps back, a full or read-only disk:
+"""kill -9 at random moments, two commands at once on one folder, a full or read-only disk:
 nothing is lost or half written, a rerun completes, and who cannot go on says so in one line. No port is open meanwhile.
 
 `KILLS=200` spreads so many over the commands; a process that had ended by then does not count.
@@ -21,7 +21,7 @@ import pytest
 
 from pipelines.tracking.runs import find_runs
 from tests.pipelines.conftest import one_line
-from tests.pipelines.disturbed import CLOCK, COMMANDS, can_mount, check_all, files, hooked, on_a_disk, start
+from tests.pipelines.disturbed import COMMANDS, can_mount, check_all, files, hooked, on_a_disk, start
 
 KILLS = int(os.environ.get("KILLS", "28"))
 EACH = max(1, round(KILLS / len(COMMANDS)))
@@ -112,20 +112,6 @@ def test_two_at_once(one: str, other: str, folder: Path) -> None:
     check_all(folder, before)
     made = [run for run in find_runs(nested=True) if run.info.run_id not in known]
     assert {run.info.status for run in made} <= {"FINISHED", "FAILED"}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", WRITERS)
-def test_a_clock_that_jumps_back_by_an_hour(name: str, folder: Path, tmp_path: Path) -> None:
-    before, known = files(folder), {run.info.run_id for run in find_runs()}
-    seconds = completes(name, folder)
-    for part in (0.3, 0.8):
-        hook = hooked(tmp_path / "hook", CLOCK, JUMP_AFTER_S=str(part * seconds), JUMP_BACK_S="3600")
-        completes(name, folder, **hook)
-        check_all(folder, before)
-    made = [run for run in find_runs() if run.info.run_id not in known]
-    assert len(made) == (0 if name == "ingest" else 3)
-    assert {run.info.status for run in made} <= {"FINISHED"}
 
 
 @pytest.mark.slow

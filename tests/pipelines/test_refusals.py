@@ -24,7 +24,8 @@ from tossid.models import TrainedModel, build_model, variant
 from tossid.objects import load_object
 from tossid.settings.training import TrainSettings
 from tossid.store import Dataset, read_dataset, write_dataset
-from tossid.types import Phase
+from tossid.types import Phase, PoseTrack
+from tossid.vision.recordings.npz import write_tracks
 from tossid.vision.setup.faces import default_tags
 from tossid.vision.setup.layout import layout_of
 
@@ -50,14 +51,14 @@ ASKS = {
 REFUSED: dict[str, dict[str, str | tuple[str, ...]]] = {
     "": {
         "ingset": "Did you mean 'ingest'?",
-        "--version --quiet": "--quiet: no such option. It stands after a command: tossid COMMAND --quiet.",
-        "-q": "-q: no such option. It stands after a command: tossid COMMAND -q.",
-        "--versoin": "Did you mean '--version'?",
+        "--version --quiet": "It stands after one: tossid COMMAND --quiet.",
+        "-q": "It stands after one: tossid COMMAND -q.",
+        "--versoin": "--version",
+        "zzz": "audit, detect,",
     },
     "info": {
         "": "FILE",
         "nowhere.h5": "nowhere.h5: no such file",
-        "--version": "It stands alone: tossid --version.",
         "narrow.txt": "has 7 columns, expected rows of 'timestamp tx",
         "nothing.xml": "expected a dataset",
         "thesis": "a folder without",
@@ -69,7 +70,7 @@ REFUSED: dict[str, dict[str, str | tuple[str, ...]]] = {
         "": "no recording here",
         "soruce=tum": "Did you mean 'source'?",
         "--seed 3": "seed=…",
-        "--jsn": "Did you mean '--json'?",
+        "--jsn": "--json",
         "source=tum": "source.path: is needed",
         "source=tum source.path=nowhere": "nowhere: no such file or folder; source.path names",
         "source=tum source.path=short_row out=notes.txt": "Did you mean 'notes.h5'?",
@@ -83,6 +84,10 @@ REFUSED: dict[str, dict[str, str | tuple[str, ...]]] = {
         "recordings=raw/* threads=2": "threads: is for one recording",
         "recordings=*/a": "several are named 'a'",
         "recording=fifo": "fifo/cameras.yaml",
+    },
+    "segment recording=film": {
+        "poses=none.npz": "none.npz: no such file; 'tossid track' makes it",
+        "poses=two.npz": "two.npz: holds 2 tracks, expected one",
     },
     "train": {
         "model=cnrip": "there is no 'cnrip' in conf/model",
@@ -102,7 +107,7 @@ REFUSED: dict[str, dict[str, str | tuple[str, ...]]] = {
         "run=cut_run/ data=tosses": "checkpoint.pt",
         "run=hostile/ data=tosses": "checkpoint.pt",
         "run=reaching data=tosses": "checkpoint.pt: a checkpoint that cannot be used: it names another file or folder",
-        "--swep gravity": "Did you mean '--sweep'?",
+        "--swep gravity": "--sweep",
         "--sweep": "requires an argument",
         "--sweep gravty": "Did you mean 'gravity'?",
         "--sweep gravity data=nowhere.h5": "nowhere.h5: no such dataset",
@@ -135,7 +140,7 @@ REFUSED: dict[str, dict[str, str | tuple[str, ...]]] = {
         "sim=mjcf sim.path=none.xml": "no such object file",
         "sim=mjcf sim.path=longer.xml": "105 x 105 x 105 mm",
         "sim=mjcf sim.path=round_ground.xml": "a plane",
-        "sim=mjcf sim.path=nothing.xml": "sim.path: nothing.xml",
+        "sim=mjcf sim.path=nothing.xml": "nothing.xml: ",
         "sim=python sim.path=none.py": "sim.path: there is no file none.py",
         "sim=python sim.path=mine.py sim.function=absent": "has no function 'absent'",
         "sim=python sim.path=mine.py sim.function=dying": "dying of mine.py: its process ended (exit status 7)",
@@ -220,6 +225,8 @@ def _write_published_tosses() -> None:
     rows[7] = rows[7].rpartition(" ")[0]
     Path("short_row/a.txt").write_text("\n".join(rows))
     np.savetxt("narrow.txt", np.zeros((5, 7)))
+    at_rest = np.tile([0.0, 0, 0, 1, 0, 0, 0], (3, 1))
+    write_tracks([PoseTrack(name, np.arange(3.0), at_rest) for name in ("a", "b")], Path("two.npz"))
     toss = torch.zeros(1, 40, 19, dtype=torch.float64)
     toss[0, :, 2], toss[0, :, 3] = 3 - 0.05 * torch.arange(40), 1.0
     toss[0, 7, 0] = np.nan

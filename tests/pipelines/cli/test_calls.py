@@ -19,8 +19,7 @@ import pytest
 
 from pipelines.cli import app, failures
 from pipelines.cli import call as calling
-from pipelines.cli.console import Console
-from pipelines.cli.progress import reported
+from pipelines.cli.console import Console, reported
 from tests.pipelines.conftest import one_line
 from tossid.errors import FileError, SolverError
 from tossid.ingestion.progress import Progress
@@ -109,16 +108,15 @@ def test_each_stage_that_counts_says_so_now_and_then_and_how_long_it_takes(
     assert lines == [
         f"{stage}: {what}" for stage in ("detect", "track") for what in ("1 of 2 frames", "2 of 2 frames", "done")
     ]
-    clock = iter((0.0, 80.0, 90.0, 100.0, 110.0, 110.0))
+    clock = iter((0.0, 80.0, 90.0, 110.0, 110.0))
     monkeypatch.setattr("pipelines.cli.console.time.monotonic", lambda: next(clock))
     with Console(interval=0.0).shares("search") as report:
-        for share in (0.8, 0.9, 0.2, 0.4):  # from the third on, work begins again
+        for share in (0.8, 0.9, 0.2):  # at last, work begins again
             report("round", share)
-    assert capfd.readouterr().err.splitlines()[:4] == [
+    assert capfd.readouterr().err.splitlines()[:3] == [
         "search: 80 of 100 %, about 20 s left, round",
         "search: 90 of 100 %, about 10 s left, round",
-        "search: 20 of 100 %, round",  # at no known pace
-        "search: 40 of 100 %, about 30 s left, round",
+        "search: 20 of 100 %, about 440 s left, round",
     ]
 
 

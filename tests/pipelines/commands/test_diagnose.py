@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -69,10 +68,6 @@ def test_ctrl_c_leaves_what_is_known(spoilt: Path, tmp_path: Path) -> None:
     assert f"what was known by then is in {where / 'gap.html'}" in rest.strip().splitlines()[-1]
     gap = json.loads((where / "gap.json").read_text())
     assert gap["complete"] is False
-    assert gap["explanation"]["verdict"] == "incomplete"
-    assert gap["explanation"]["effects"] == []
-    assert gap["gap"]["total"]["value"] > 1.5
-    assert max(gap["gap"]["by_phase"], key=lambda each: each["share"])["phase"] == "slide"
     assert "friction" in gap["interrupted"]["suspects"][0]["name"]
     assert "was interrupted" in (where / "gap.html").read_text()
     assert (out / "gap.json").read_text() == "of before"
@@ -89,9 +84,6 @@ def test_a_spoilt_friction_is_found_in_the_users_mujoco_model_and_the_patch_work
     first = found["effects"][0]
     assert (first["name"], first["verdict"]) == ("friction", "identified")
     assert first["parameters"]["mu"]["value"] == pytest.approx(0.35, abs=0.01)
-    assert found["next_toss"]["release"] is None
-    assert "no two effects are confusable" in found["next_toss"]["reason"]
-
     patch = found["patch"]
     # tosses of rigid contact, and a model whose contact is MuJoCo's default
     assert {c["effect"] for c in patch["changes"]} == {"friction", "rigid contact"}
@@ -113,7 +105,7 @@ def test_a_spoilt_friction_is_found_in_the_users_mujoco_model_and_the_patch_work
 
 @pytest.mark.slow
 def test_a_trained_run_is_diagnosed_and_the_report_stays_where_the_tracker_is_lost(
-    beside: Path, made: Path, monkeypatch: pytest.MonkeyPatch
+    beside: Path, answer: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from mlflow import MlflowClient
     from mlflow.exceptions import MlflowException
@@ -121,10 +113,9 @@ def test_a_trained_run_is_diagnosed_and_the_report_stays_where_the_tracker_is_lo
     def lost(*_: object) -> None:
         raise MlflowException("Connection refused")
 
-    shutil.copytree(made / "outputs", beside / "outputs")
-    (folder,) = (beside / "outputs" / "train").iterdir()
+    answer("train", "model=cnrp", "model.learn_geometry=false", "epochs=2", "data=tosses")
     monkeypatch.setattr(MlflowClient, "set_tag", lost)
-    words = ["diagnose", "data=tosses", "sim=run", f"sim.path={folder}", "out=gap", FEW, "repeats=0", "--quiet"]
+    words = ["diagnose", "data=tosses", "sim=run", "out=gap", FEW, "repeats=0", "--quiet"]
     assert app.run(words) == 1
     found = json.loads((beside / "gap" / "gap.json").read_text())
     assert found["simulator"]["sim"] == "run"

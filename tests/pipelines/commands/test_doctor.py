@@ -24,8 +24,8 @@ def test_where_all_is_well(project: Path, answer: Any) -> None:
 
 
 def test_what_is_missing_is_named_with_what_to_do(project: Path, answer: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    needs = (["numpy~=1.0", "no-such-package>=2"], {"view": ["no-such-viewer~=1.0"]})
-    monkeypatch.setattr(doctor, "_declared", lambda: needs)
+    needs = {"": ["numpy~=1.0", "no-such-package>=2"], "view": ["no-such-viewer~=1.0"]}
+    monkeypatch.setattr(doctor, "_requirements", lambda: needs)
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://127.0.0.1:9")
     report = answer("doctor")
     assert not report["ok"]

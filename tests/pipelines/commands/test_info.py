@@ -27,7 +27,7 @@ def test_what_stages_wrote_and_a_folder(tmp_path: Path) -> None:
     corners, cov = np.zeros((4, 2)), np.tile(np.eye(2), (4, 1, 1))
     found = [Detection(camera, 0.1, tag, corners, cov, 0, 50.0) for camera, tag in (("b", 3), ("a", 3), ("a", 4))]
     write_detections(found, tmp_path / "detections.npz")
-    assert run(tmp_path / "detections.npz", QUIET) == {
+    assert run(InfoRequest(tmp_path / "detections.npz"), QUIET) == {
         "kind": "detections",
         "n_detections": 3,
         "cameras": {"a": 2, "b": 1},
@@ -35,14 +35,14 @@ def test_what_stages_wrote_and_a_folder(tmp_path: Path) -> None:
     }
     t, q = 0.1 * np.arange(5), np.tile([0.0, 0, 0, 1, 0, 0, 0], (5, 1))
     write_tracks([PoseTrack("cube", t, q)], tmp_path / "poses.npz")
-    tracks = run(tmp_path / "poses.npz", QUIET)
+    tracks = run(InfoRequest(tmp_path / "poses.npz"), QUIET)
     assert (tracks["tracks"], tracks["n_frames"], tracks["covariances"]) == ({"cube": 5}, 5, False)
     np.savetxt(tmp_path / "poses.txt", np.column_stack([t, q[:, :3], q[:, 4:], q[:, 3]]))
-    poses = run(tmp_path / "poses.txt", QUIET)
+    poses = run(InfoRequest(tmp_path / "poses.txt"), QUIET)
     assert (poses["n_frames"], poses["rate_hz"], poses["duration_s"]) == (5, pytest.approx(10), pytest.approx(0.4))
     for name in ("0.pt", "a.h5"):
         (tmp_path / name).touch()
-    assert run(tmp_path, QUIET) == {"kind": "folder", "datasets": ["a.h5"], "pt_files": 1, "txt_files": 1}
+    assert run(InfoRequest(tmp_path), QUIET) == {"kind": "folder", "datasets": ["a.h5"], "pt_files": 1, "txt_files": 1}
 
 
 @pytest.fixture
@@ -71,4 +71,4 @@ def test_the_figure_shows_the_order_of_recording(two_sessions: Path) -> None:
     assert image is not None
     assert min(image.shape[:2]) > 300
     assert np.ptp(image) > 200  # something is drawn on white
-    assert "figure" not in run(two_sessions, QUIET)
+    assert "figure" not in run(InfoRequest(two_sessions), QUIET)

@@ -10,9 +10,8 @@ import pytest
 
 from pipelines.cli import app
 from pipelines.config.compose import load
-from pipelines.config.keys import group_members
 from pipelines.config.schemas import SynthesizeConfig
-from tests.pipelines.conftest import one_line
+from tests.pipelines.conftest import members, one_line
 from tossid.objects import corner_positions, load_object
 from tossid.types import Frame
 from tossid.vision.cameras.camera import Camera
@@ -26,7 +25,7 @@ def test_the_object_is_the_box(project: Path, answer: Any) -> None:
     named, made = answer(*BRICK), answer(*BRICK, "out=mine")
     assert named["key"] == "object=brick"
     assert (project / "conf/object/brick.yaml").read_text().splitlines()[2] == "path: conf/object/brick.xml"
-    assert "brick" in group_members("object")
+    assert "brick" in members("object")
     models = [load_object(load("synthesize", SynthesizeConfig, each["key"].split()).object) for each in (named, made)]
     model = models[1]
     assert models[0].width == model.width == 0.2

@@ -10,10 +10,10 @@ import pytest
 import yaml
 
 from pipelines.config.compose import flatten, load
-from pipelines.config.keys import Group, Key, group_members, keys_of
+from pipelines.config.keys import Group, Key, keys_of
 from pipelines.config.places import CONF, SAMPLE, folders
-from pipelines.config.schemas import COMMANDS, IngestConfig
-from pipelines.config.schemas.ingestion import _sources
+from pipelines.config.schemas import COMMANDS, IngestConfig, _sources
+from tests.pipelines.conftest import members
 from tossid.errors import ConfigError
 from tossid.settings.kinds import to_plain
 from tossid.vision.recordings.registry import input_formats
@@ -68,12 +68,13 @@ def test_values_ship_and_the_working_folder_adds_members(tmp_path: Path, monkeyp
     (tmp_path / "conf/object").mkdir(parents=True)
     (tmp_path / "conf/object/brick.yaml").write_text("name: brick\n")
     assert folders() == (CONF, tmp_path / "conf")
-    assert {"brick", "cube"} <= set(group_members("object"))
+    assert {"brick", "cube"} <= set(members("object"))
 
 
 def test_every_registered_format_can_be_a_source() -> None:
-    assert {settings.name for settings in _sources()} == set(input_formats()) >= set(group_members("source"))
+    in_conf = {path.stem for path in (CONF / "source").glob("*.yaml")}
+    assert {settings.name for settings in _sources()} == set(input_formats()) >= in_conf
     for name, entry in input_formats().items():
-        if name in group_members("source"):
+        if name in in_conf:
             source = load("ingest", IngestConfig, [f"source={name}", "source.path=x"]).source
             assert source == entry.settings(path=Path("x"))

@@ -149,22 +149,13 @@ def test_a_gap_is_shown_with_its_simulators(made: Path, tmp_path: Path) -> None:
         "data": {"path": str(made / "tosses" / "tosses.h5")},
         "gap": {"total": {"value": 3.2, "unit": "standard deviations of noise"}},
         "explanation": {"verdict": "partly_explained"},
-        "effects": [
-            {
-                "name": "friction",
-                "verdict": "identified",
-                "parameters": {"mu": {"value": 0.3}},
-                "gap_closed": {"value": 0.8},
-            },
-            {"name": "wind", "verdict": "not_supported"},
-        ],
+        "change": [{"name": "friction", "parameter": "mu", "from": 0.18, "to": 0.3}],
         "patch": {"mjcf": to_mjcf(dataset.object, timestep=4e-4)},
     }
     (tmp_path / "gap.json").write_text(json.dumps(report))
     seen = toss_content(load("view", ViewConfig, [f"gap={tmp_path}"]), Console(quiet=True))
     assert "**partly explained**" in seen.notes
-    assert "| friction | identified | mu 0.3 | 80 % |" in seen.notes
-    assert "wind" not in seen.notes
+    assert "- friction mu: 0.18, found 0.3" in seen.notes
     assert seen.predicted.keys() == {"stated", "patched"}
     (measured,) = seen.moving
     for (predicted,) in seen.predicted.values():

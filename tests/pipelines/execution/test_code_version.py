@@ -11,7 +11,7 @@ import pytest
 
 from pipelines.execution import code_version
 from pipelines.execution.code_version import commit, version_line
-from pipelines.execution.interrupts import interrupted_later
+from pipelines.execution.process import interrupted_later
 
 
 @pytest.fixture

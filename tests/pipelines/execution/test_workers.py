@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import stat
 import subprocess
@@ -14,8 +15,8 @@ from typing import Any
 
 import pytest
 
-from pipelines.config.schemas.launching import DaskLauncher, ProcessesLauncher, SlurmLauncher
-from pipelines.execution.workers import _with_code, open_workers
+from pipelines.config.schemas import DaskLauncher, ProcessesLauncher, SlurmLauncher
+from pipelines.execution.workers import _with_code, submitting
 from pipelines.tracking.runs import find_runs
 from tests.conftest import ROOT
 from tests.pipelines.disturbed import hooked
@@ -40,10 +41,10 @@ def words(found: list[tuple[int, Any]]) -> dict[int, Any]:
 
 
 def test_an_error_of_ours_is_an_outcome_and_a_process_that_dies_ends_the_command_with_one_line() -> None:
-    with open_workers(HERE, 2) as there:
-        assert words(list(as_done(halved, [4, 3, 2], there.submit))) == {4: 2, 3: "3 is odd", 2: 1}
-    with pytest.raises(SolverError, match="a worker died or was lost"), open_workers(HERE, 1) as there:
-        list(as_done(die_of_three, [1, 3, 5], there.submit))
+    with submitting(HERE, 2, 3) as submit:
+        assert words(list(as_done(halved, [4, 3, 2], submit))) == {4: 2, 3: "3 is odd", 2: 1}
+    with pytest.raises(SolverError, match="a worker died or was lost"), submitting(HERE, 2, 3) as submit:
+        list(as_done(die_of_three, [1, 3, 5], submit))
 
 
 def test_a_worker_with_other_code_or_packages_gives_no_numbers() -> None:
@@ -69,7 +70,7 @@ def test_schedulers_that_are_refused(
     pytest.importorskip("distributed", reason="Dask is an extra: pip install -e '.[cluster]'")
     launcher = DaskLauncher("dask", address, tmp_path / tls if tls else None, False, 0.5)
     with pytest.raises(error, match=says):
-        open_workers(launcher, None).__enter__()
+        submitting(launcher, None, 2).__enter__()
 
 
 @pytest.fixture
@@ -121,11 +122,9 @@ def test_slurms_jobs_compute_and_nobody_is_taken_without_its_certificate(slurm: 
     from distributed import Client
 
     launcher = SlurmLauncher("slurm", 1, None, None, "1GiB", "00:10:00", "lo", True, 120.0)
-    with open_workers(launcher, None) as there:
-        assert there.count == 1
-        assert words(list(as_done(halved, [4, 3], there.submit))) == {4: 2, 3: "3 is odd"}
-        address = there.executor._client.scheduler.address  # type: ignore[attr-defined]
-        assert address.startswith("tls://127.0.0.1:")
+    with submitting(launcher, None, 2) as submit:
+        assert words(list(as_done(halved, [4, 3], submit))) == {4: 2, 3: "3 is odd"}
+        (address,) = set(re.findall(r"tls://127.0.0.1:\d+", (slurm / "sbatch.script").read_text()))
         (certificates,) = (slurm / "outputs/logs/slurm").glob("tls-*")
         assert stat.S_IMODE(certificates.stat().st_mode) == 0o700
         for stranger in (address, address.replace("tls://", "tcp://")):
@@ -152,8 +151,8 @@ def test_slurms_scheduler_and_workers_listen_on_the_named_interface_alone(slurm:
 @pytest.mark.usefixtures("slurm")
 def test_slurms_jobs_have_all_died() -> None:
     launcher = SlurmLauncher("slurm", 1, None, None, "1GiB", "00:10:00", "lo", True, 30.0)
-    with pytest.raises(SolverError, match=r"lost .NoWorkerError"), open_workers(launcher, None) as there:
-        list(as_done(end_this_job, [1, 2], there.submit))
+    with pytest.raises(SolverError, match=r"lost .NoWorkerError"), submitting(launcher, None, 2) as submit:
+        list(as_done(end_this_job, [1, 2], submit))
 
 
 def state_of(pid: str) -> str:
@@ -207,6 +206,7 @@ def test_a_worker_that_is_killed_is_replaced_by_the_others(beside: Path, answer:
 
 def test_a_worker_takes_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
-    with open_workers(HERE, 1) as there:
-        assert there.submit(os.getenv, "OMP_NUM_THREADS").result() == "1"
+    with submitting(HERE, 2, 2) as submit:
+        assert submit is not None
+        assert submit(os.getenv, "OMP_NUM_THREADS").result() == "1"
     assert os.environ["OMP_NUM_THREADS"] == "7"

@@ -6,22 +6,18 @@ import json
 import os
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 import yaml
 
+from pipelines.commands.ingest import provenance
+from pipelines.commands.train import STATE, Unfinished
 from pipelines.config.compose import load
 from pipelines.config.schemas import IngestConfig
-from pipelines.files.datasets import provenance
-from pipelines.files.open_source import located, read_track
+from pipelines.files.open_source import located
 from pipelines.files.project import dataset_path, named, newest_dataset, newest_recording
-from pipelines.files.resume import STATE, Unfinished
-from pipelines.tracking.runs import RunRecord
-from tossid.errors import ConfigError, FileError, InputError
-from tossid.types import PoseTrack
+from tossid.errors import ConfigError, FileError
 from tossid.vision.recordings.formats.frames import FramesSource
-from tossid.vision.recordings.npz import write_tracks
 
 
 def made(path: Path, at: int) -> Path:
@@ -59,18 +55,6 @@ def test_keys_name_files_and_folders_of_their_kind(project: Path) -> None:
     assert located(FramesSource(path=Path("other"))).path == Path("other")
 
 
-def test_a_stage_takes_the_one_track(tmp_path: Path) -> None:
-    q = np.tile([0.0, 0, 0, 1, 0, 0, 0], (3, 1))
-    tracks = [PoseTrack(name, np.arange(3.0), q) for name in ("a", "b")]
-    write_tracks(tracks[:1], tmp_path / "one.npz")
-    write_tracks(tracks, tmp_path / "two.npz")
-    assert read_track(tmp_path / "one.npz").name == "a"
-    with pytest.raises(FileError, match="holds 2 tracks, expected one"):
-        read_track(tmp_path / "two.npz")
-    with pytest.raises(FileError, match="'tossid track' makes it"):
-        read_track(tmp_path / "none.npz")
-
-
 def test_keys_that_leave_the_data_as_they_are_are_no_part_of_where_it_comes_from() -> None:
     keys = ["source=tum", "source.path=a"]
     one, other = (
@@ -83,30 +67,22 @@ def test_keys_that_leave_the_data_as_they_are_are_no_part_of_where_it_comes_from
     assert {"python", "numpy"} <= json.loads(str(one["versions"])).keys()
 
 
-def test_a_run_without_a_model_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "checkpoint.pt"
-    with pytest.raises(InputError, match=r"run cn-g9.81 \(0123\) has no checkpoint"):
-        RunRecord("0123", "cn-g9.81", tmp_path, None).trained_model()
-    path.write_bytes(b"no model")
-    with pytest.raises(FileError, match=r"checkpoint.pt"):
-        RunRecord("0123", "cn-g9.81", tmp_path, path).trained_model()
-
-
 def test_an_unfinished_training_comes_back_until_it_is_cleared_and_a_damaged_one_is_named(tmp_path: Path) -> None:
     kept, again = (Unfinished(tmp_path / "under_way", code="a") for _ in range(2))
-    assert (kept.run(), kept.state(), kept.of_other_code()) == (None, None, False)
-    kept.begin("0123")
-    kept.save({"weights": torch.arange(3)})
-    found = again.state()
-    assert found is not None
-    assert (again.run(), found["weights"].tolist(), again.of_other_code()) == ("0123", [0, 1, 2], False)
-    assert Unfinished(kept.folder, code="b").of_other_code()
+    assert (kept.recall(), kept.run, kept.state) == (False, None, None)
+    kept.save("0123", None)
+    assert (again.recall(), again.run, again.state) == (False, "0123", None)
+    kept.save("0123", {"weights": torch.arange(3)})
+    assert (again.recall(), again.run) == (False, "0123")
+    assert again.state is not None
+    assert again.state["weights"].tolist() == [0, 1, 2]
+    other = Unfinished(kept.folder, code="b")
+    assert (other.recall(), other.run) == (True, None)
     (kept.folder / STATE).write_bytes(b"half")
     with pytest.raises(FileError, match="restart=true starts anew"):
-        kept.state()
+        kept.recall()
     torch.save({"schema": "another"}, kept.folder / STATE)
     with pytest.raises(FileError, match="not a training's state of schema"):
-        kept.state()
+        kept.recall()
     again.clear()
-    assert kept.state() is None
     assert not kept.folder.exists()

@@ -35,7 +35,6 @@ def test_the_example_is_a_call_that_the_model_answers(trained: TrainedModel, tmp
     from mlflow.models import Model
 
     folder = tmp_path / "registered"
-    folder.mkdir()
     write_model(trained.save(tmp_path / "model.pt"), folder)
     call = json.loads(Model.load(str(folder)).get_serving_input(str(folder)))
     found = Served(trained).predict(call["inputs"], call["params"])
