@@ -144,7 +144,9 @@ def _up(track: Track, model: ObjectModel, gravity: float, noise: float) -> tuple
     """The direction against gravity, its standard deviation [rad], and the number of frames; else the world's z."""
     dt = float(np.median(np.diff(track.t)))
     half = half_width(noise, dt, least=HALF_WINDOW, certain=0.5 * FALLING, longest=LONGEST)
-    falling, against = _falling(track, model, gravity, half, max(FALLING, 2 * acceleration_deviation(noise, half, dt)))
+    falling, against = _falling(
+        track, model, gravity, half, max(FALLING, 2 * float(acceleration_deviation(noise, half, dt)))
+    )
     falling = _in_runs(falling)
     if falling.any():
         # the direction that most frames share, then the median of those near it
