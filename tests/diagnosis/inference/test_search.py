@@ -117,6 +117,8 @@ def test_a_force_of_another_law_is_found_with_its_power(cube: ObjectModel, sampl
         if power:
             assert h.values_of(law.name)[0] == pytest.approx(1.0, abs=0.3)
             assert not found.has_its_law(law.name)
+            # what takes its place has its own law, and not the power that was fitted beside quadratic drag
+            assert law.name not in h.with_replaced("quadratic_drag", EFFECTS["linear_drag"], np.array([0.1])).names
 
 
 # ---------------------------------------------------------------- the values that are reported

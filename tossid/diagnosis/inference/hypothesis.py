@@ -155,15 +155,16 @@ class Hypothesis:
         return replace(self, effects=tuple(e for e, _ in kept), values=tuple(v for _, v in kept))
 
     def with_replaced(self, name: str, effect: Effect, values: Array) -> Hypothesis:
-        """With another effect in the place of one.
+        """With another effect in the place of one, and of the other power with which its force may have grown.
 
         Args:
             name: Of the effect that is replaced.
             effect: The other one.
             values: (P,) its parameters.
         """
-        k = self.names.index(name)
-        effects, all_values = list(self.effects), list(self.values)
+        law = self.effect(name).other_power_law
+        kept = self if law is None else self.without(law.name)
+        k, effects, all_values = kept.names.index(name), list(kept.effects), list(kept.values)
         effects[k], all_values[k] = effect, values
         return replace(self, effects=tuple(effects), values=tuple(all_values))
 
