@@ -106,7 +106,7 @@ def made(case: Case, model: ObjectModel, settings: AuditSettings) -> tuple[Datas
     motions, noise = np.random.default_rng([case["seed"], 5]).spawn(2)
     tosses = tosses_over_order(effects, shares.astype(float), model, synthesis_of(about, settings), motions)
     with tempfile.TemporaryDirectory() as folder:
-        record(tosses, model, settings, noise, Path(folder), level="never")
+        record(tosses, model, settings, noise, Path(folder))
         return read_dataset(Path(folder) / TOSSES), effects
 
 

@@ -16,6 +16,7 @@ from tossid.errors import ConfigError, FileError, InputError
 from tossid.ingestion.progress import Progress
 from tossid.motion.links import body_tracks
 from tossid.objects import ObjectModel, corner_heights
+from tossid.rotations import quat_rotate
 from tossid.settings.objects import UnknownObjectSettings
 from tossid.settings.training import TrainSettings
 from tossid.store import read_dataset, write_tum
@@ -73,19 +74,40 @@ def test_a_source_with_one_body_is_refused(links: list[list[PoseTrack]], tmp_pat
         tossid.ingest(tmp_path, source="pll", object=LINKS)
 
 
-def _written(folder: Path, cube: ObjectModel, *, up: float = 0.0, header: str | None = None, count: int = 5) -> Path:
-    """Tosses of a cube as TUM files; with a header, their quaternions are written w first."""
+def _written(
+    folder: Path,
+    cube: ObjectModel,
+    *,
+    up: float = 0.0,
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    header: str | None = None,
+    count: int = 5,
+) -> Path:
+    """Tosses of a cube as TUM files, of a point beside its middle; with a header, their quaternions are w first."""
     rng = np.random.default_rng(4)
     for i in range(count):
         toss = thrown(cube, rng, name=str(i))
         q = toss.q.copy()
         q[:, :3] += rng.normal(size=(len(q), 3)) * 2e-4
-        q[:, 2] += up
+        q[:, :3] += quat_rotate(q[:, 3:7], np.array(offset)) + np.array([0.0, 0.0, up])
         write_tum(folder, [PoseTrack(str(i), toss.t, q)])
         if header is not None:
             rows = np.column_stack([toss.t, q])
             np.savetxt(folder / f"{i}.txt", rows, header=header, comments="")
     return folder
+
+
+def test_a_frame_that_is_off_is_no_height_of_the_ground(cube: ObjectModel, tmp_path: Path) -> None:
+    """It raises one face and lowers another by as much, here more tosses than not."""
+    folder = _written(tmp_path, cube, offset=(0.016, -0.016, -0.016), count=24)
+    raised, lowered = list[Path](), list[Path]()
+    for path in folder.iterdir():
+        (raised if np.loadtxt(path)[-5:, 3].mean() > 0.5 * cube.width else lowered).append(path)
+    for path in (*raised[7:], *lowered[4:]):
+        path.unlink()
+    dataset = tossid.ingest(folder, source="tum", object="cube", progress=lambda progress: None)
+    assert len(dataset.tosses) == 11
+    assert "ground_height_m" not in dataset.provenance
 
 
 @pytest.mark.parametrize("up", [-0.3, 0.04])

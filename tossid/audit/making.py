@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -111,7 +111,6 @@ def record(
     folder: Path,
     *,
     film_as: SynthesizeSettings = SynthesizeSettings(),
-    level: Literal["auto", "never"] = "auto",
 ) -> None:
     """Write true tosses to a folder as they are recorded, and the dataset that is ingested from that.
 
@@ -122,11 +121,10 @@ def record(
         rng: Draws the noise.
         folder: Where to.
         film_as: Cameras and light, where they are filmed.
-        level: Of ingested poses; a film is never levelled.
     """
 
     def ingest(source: Any) -> None:
-        how = IngestSettings(level="never" if settings.filmed else level)
+        how = IngestSettings(level="never")  # (a diagnosis cannot find what ingest undoes)
         ingest_source(source, object=model, settings=how, out=folder / TOSSES, progress=lambda progress: None)
 
     if settings.filmed:

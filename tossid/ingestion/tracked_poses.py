@@ -34,6 +34,8 @@ from tossid.types import OnDemand, PoseTrack, RecordingOrder, Toss
 
 LEVEL_HEIGHT = 0.01
 """Height of the ground above z = 0 from which on imported tosses are shifted [m]."""
+AGREE = 0.8
+"""Share of the tosses that have to agree on it: a body's frame that is off raises one face and lowers another."""
 FAR_GROUND = 0.2
 """Height of the tracked point at rest beyond which an object of unknown shape does not show its ground [m]."""
 
@@ -176,7 +178,7 @@ def _over_the_ground(
     if abs(ground) < LEVEL_HEIGHT:
         return tracks, None
     found = f"{path}: tosses come to rest {1e3 * ground:.0f} mm {'above' if ground > 0 else 'below'} z = 0 (median)"
-    if settings.level == "never" or agree <= len(heights) / 2:
+    if settings.level == "never" or agree < AGREE * len(heights):
         why = "as level=never asks" if settings.level == "never" else f"since only {agree} of {len(heights)} agree"
         report.problem("level", f"{found}; left as it is, {why}")
         return tracks, None
