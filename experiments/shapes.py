@@ -44,7 +44,7 @@ RATE_HZ, STEP = 148.0, 5e-5
 """Frames a second, and MuJoCo's time step [s], with which contact is near rigid: its time constant is twice that."""
 NOISE = NoiseSettings(position=1.5e-4, rotation=2e-3)
 """Of tracked poses; of positions as of the published cube's."""
-RELEASE = ReleaseSettings(height=(0.25, 0.25), speed=(0.0, 1.4), climb=(0.0, 1.0), spin=(2.0, 18.0), joint=(-3.1, 3.1))
+RELEASE = ReleaseSettings(height=(0.25, 0.25), speed=(0.0, 1.4), climb=(0.0, 1.0), spin=(4.0, 15.0), joint=(-3.1, 3.1))
 FRAME_OFFSET = (0.012, -0.02, 0.007)
 """Where a shape's middle is in the recorded body frame [m]."""
 CLOSE = 1e-3
@@ -136,9 +136,9 @@ def learned_from_nothing(case: Case) -> Line:
     """What is learned of a shape, against the truth.
 
     Args:
-        case: Its `shape`, `model`, `engine`, `seed`, `friction` and `step`.
+        case: Its `shape`, `model`, `engine`, `seed`, friction `mu` and `step`.
     """
-    true = shape(case["shape"], friction=case["friction"])
+    true = shape(case["shape"], friction=case["mu"])
     made = tossed(true, case["engine"], seed=case["seed"], step=case["step"])
     assert made.truth is not None
     began = time.process_time()
@@ -220,7 +220,7 @@ def main(arguments: list[str]) -> None:
     )  # fmt: skip
     names = ("shape", "model", "engine", "seed")
     asked = itertools.product(given.shapes, given.models, given.engines, given.seeds)
-    beside = {"friction": given.friction, "step": given.step}
+    beside = {"mu": given.friction, "step": given.step}
     cases = [{**dict(zip(names, values, strict=True)), **beside} for values in asked]
     lines = succeeded(measured(given.out, cases, learned_from_nothing, processes=given.processes))
     heads = (*names, *HEADS)
