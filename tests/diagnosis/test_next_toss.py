@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from tests.diagnosis.by_hand import EFFECTS, hypothesis
-from tests.diagnosis.tossed import seen
-from tossid.diagnosis.inference.sample import Sample
+from tests.diagnosis.tossed import sample_of, seen
 from tossid.diagnosis.likelihood.step_changes import State
-from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.diagnosis.next_toss import draw_releases, next_toss, separations
 from tossid.motion import lowest_corner
 from tossid.objects import ObjectModel
@@ -22,10 +20,6 @@ FRAMES = 41
 @pytest.fixture(scope="module")
 def tosses(cube: ObjectModel) -> list[Toss]:
     return seen(World(cube), cube, 8, seed=1, frames=FRAMES - 1)
-
-
-def sample_of(tosses: list[Toss], cube: ObjectModel) -> Sample:
-    return Sample(make_windows(tosses, cube), len(tosses))
 
 
 def test_releases_are_feasible(cube: ObjectModel, tosses: list[Toss]) -> None:

@@ -10,16 +10,14 @@ import pytest
 from scipy.stats import t
 
 from tests.diagnosis.by_hand import EFFECTS
-from tests.diagnosis.tossed import seen, with_effect
+from tests.diagnosis.tossed import sample_of, seen, with_effect
 from tossid.diagnosis.correction import corrected
 from tossid.diagnosis.inference.designs import line_over, steps_at
 from tossid.diagnosis.inference.fitting import Fit
 from tossid.diagnosis.inference.hypothesis import Hypothesis
 from tossid.diagnosis.inference.order import OverOrder, over_order
-from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.inference.screening import Screening, screen
 from tossid.diagnosis.inference.stretches import Change, fitted_together
-from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.diagnosis.over_order import (
     Undone,
     changes_left,
@@ -41,7 +39,7 @@ def tosses_of(cube: ObjectModel, worlds: Sequence[World], frames: int = 60, *, s
 
 
 def beside_nothing(cube: ObjectModel, tosses: Sequence[Toss], stated: Hypothesis) -> tuple[Fit, Screening]:
-    sample = Sample(make_windows(tosses, cube), len(tosses))
+    sample = sample_of(tosses, cube)
     first = sample.evidence(stated)
     screening = screen(first, LIBRARY, n=sample.n, rng=np.random.default_rng(0))
     return sample.evaluated(first), screening
@@ -96,7 +94,7 @@ def test_steps_at_different_tosses_are_fitted_together(cube: ObjectModel, stated
     slippery = with_effect(cube, "friction", [0.26])
     both = EFFECTS["world_tilt"].at(slippery, np.array(TILT))
     tosses = tosses_of(cube, [World(cube)] * 6 + [slippery] * 6 + [both] * 6)
-    sample = Sample(make_windows(tosses, cube), N)
+    sample = sample_of(tosses, cube)
     begun = [stepping("friction", 6, [[0.2], [0.24]]), stepping("world_tilt", 12, [[0.002, 0.0], [0.025, -0.016]])]
     friction, tilt = fitted_together(sample.evidence(stated), begun)
     assert [(s.first, s.stop) for s in friction.stretches] == [(0, 6), (6, N)]

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tests.models.made import DT, thrown
+from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.likelihood.states import difference, moved_pose
+from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.motion import label_phases
 from tossid.objects import ObjectModel
 from tossid.physics.effects import World, effects_for
@@ -26,6 +30,10 @@ def seen(
     q, v = thrown(rng, count, nominal.n_joints)
     q[:, 2] += height
     return recorded(world.roll_out(q, v, n_steps=frames, dt=DT, substeps=32, impact_parts=8), nominal, rng)
+
+
+def sample_of(tosses: Sequence[Toss], model: ObjectModel) -> Sample:
+    return Sample(make_windows(tosses, model), len(tosses))
 
 
 def recorded(run: np.ndarray, nominal: ObjectModel, rng: np.random.Generator) -> list[Toss]:

@@ -14,13 +14,11 @@ import numpy as np
 import pytest
 
 from tests.diagnosis.by_hand import EFFECTS, diagnosis, hypothesis
-from tests.diagnosis.tossed import recorded
+from tests.diagnosis.tossed import recorded, sample_of
 from tests.models.made import DT, thrown
 from tests.objects.meshes import obj, scan, stl
 from tossid.diagnosis.inference.hypothesis import COULOMB, ContactLaw, Hypothesis
-from tossid.diagnosis.inference.sample import Sample
 from tossid.diagnosis.likelihood.engine_discrepancy import MujocoWorld
-from tossid.diagnosis.likelihood.windows import make_windows
 from tossid.diagnosis.localisation.rollouts import distances, first_states
 from tossid.diagnosis.patch import rerun as module
 from tossid.diagnosis.patch.make import Patch, make_patch
@@ -286,10 +284,6 @@ def test_a_motion_that_explodes_is_lost_and_said(cube: ObjectModel) -> None:
 FRAMES = 60
 
 
-def sample_of(tosses: list[Toss], cube: ObjectModel) -> Sample:
-    return Sample(make_windows(tosses, cube), len(tosses))
-
-
 @pytest.fixture(scope="module")
 def slippery(cube: ObjectModel) -> list[Toss]:
     """Tosses by MuJoCo's nearly rigid contact, of a cube with friction 0.4."""
@@ -341,12 +335,16 @@ def test_errors_are_those_of_the_file_in_plain_mujoco(
         assert errors[i] == pytest.approx(by_hand(m, slippery[i], q[i], v[i], cube.width), rel=2e-3)
 
 
-def test_the_right_patch_closes_the_gap_in_mujoco(cube: ObjectModel, slippery: list[Toss]) -> None:
-    found = hypothesis(cube, friction=[0.4])
+def test_the_right_patch_closes_the_gap_in_mujoco_and_what_mjcf_lacks_takes_no_part(
+    cube: ObjectModel, slippery: list[Toss]
+) -> None:
+    found = hypothesis(cube, friction=[0.4], vortex=[2.0])
     run = rerun(found, Hypothesis(World(cube)), slippery, sample_of(slippery, cube))
-    assert run["n_tosses"] == 6
+    assert (run["n_tosses"], run["not_in_it"]) == (6, ["vortex"])
     for key, least in (("position_error_pct", 1.0), ("rotation_error_deg", 0.8)):
         assert run[key]["after"]["value"] < least < run[key]["before"]["value"]
+    without = errors_of(hypothesis(cube, friction=[0.4]), slippery)
+    np.testing.assert_array_equal(errors_of(found, slippery), without)
 
 
 def test_a_recording_in_other_lengths_is_predicted_in_them(cube: ObjectModel, slippery: list[Toss]) -> None:
@@ -355,15 +353,6 @@ def test_a_recording_in_other_lengths_is_predicted_in_them(cube: ObjectModel, sl
     plain = errors_of(hypothesis(cube, **found), slippery)
     scaled = errors_of(hypothesis(cube, **found, length_scale=[1.05]), longer)
     np.testing.assert_allclose(scaled, plain * [1.05, 1.0], atol=0.1)
-
-
-def test_an_effect_that_mjcf_lacks_takes_no_part_and_is_named(cube: ObjectModel, slippery: list[Toss]) -> None:
-    sample = sample_of(slippery, cube)
-    found = hypothesis(cube, friction=[0.4], vortex=[2.0])
-    run = rerun(found, Hypothesis(World(cube)), slippery, sample)
-    assert run["not_in_it"] == ["vortex"]
-    without = errors_of(hypothesis(cube, friction=[0.4]), slippery)
-    np.testing.assert_array_equal(errors_of(found, slippery), without)
 
 
 def test_of_many_tosses_some_are_run_and_counted(
