@@ -277,17 +277,14 @@ def test_poses_and_corners_are_mujocos(seed: int) -> None:
         assert gaps.min(axis=1).max() < 1e-12
 
 
-def test_batches_are_their_members() -> None:
+def test_batches_are_their_members_and_the_centre_follows_the_base(cube: ObjectModel) -> None:
     rng = np.random.default_rng(0)
     model = random_tree(rng, n_bodies=3)
     q = np.array([random_state(rng, model)[0] for _ in range(6)]).reshape(2, 3, -1)
-    corners, centers = corner_positions(model, q), center_positions(model, q)
-    for i in np.ndindex(2, 3):
-        np.testing.assert_allclose(corners[i], corner_positions(model, q[i]), atol=1e-15)
-        np.testing.assert_allclose(centers[i], center_positions(model, q[i]), atol=1e-15)
-
-
-def test_the_centre_follows_the_base(cube: ObjectModel) -> None:
+    for positions in (corner_positions, center_positions):
+        found = positions(model, q)
+        for i in np.ndindex(2, 3):
+            np.testing.assert_allclose(found[i], positions(model, q[i]), atol=1e-15)
     moved = cube.with_changes(corner_pos=cube.corner_pos + np.array([0.01, 0.0, 0.0]))
-    q = np.array([1.0, 2.0, 3.0, np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])  # a quarter turn about z
-    np.testing.assert_allclose(center_positions(moved, q), [1.0, 2.01, 3.0], atol=1e-15)
+    turned = np.array([1.0, 2.0, 3.0, np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])  # by a quarter about z
+    np.testing.assert_allclose(center_positions(moved, turned), [1.0, 2.01, 3.0], atol=1e-15)

@@ -17,17 +17,13 @@ def geom(text: str) -> ObjectModel:
     return object_from_mjcf(f"<mujoco><worldbody>{body}</worldbody></mujoco>", name="b")
 
 
-def test_a_ball_reaches_its_radius_everywhere() -> None:
-    ways = directions(50)
-    assert np.einsum("ki,kci->kc", ways, ball(0.03).offset(ways[:, None])) == pytest.approx(0.03)
-
-
-def test_an_ellipsoid_reaches_as_far_as_its_surface() -> None:
+def test_ellipsoids_and_balls_reach_as_far_as_their_surfaces() -> None:
     half = np.array([0.05, 0.03, 0.02])
     surface = (directions(20000) * half) @ AXES.T
     ways = directions(40)
     found = np.einsum("ki,kci->kc", ways, ellipsoid(half, AXES).offset(ways[:, None]))[:, 0]
     assert found == pytest.approx((ways @ surface.T).max(axis=1), abs=2e-5)
+    assert np.einsum("ki,kci->kc", ways, ball(0.03).offset(ways[:, None])) == pytest.approx(0.03)
 
 
 def test_a_disc_touches_with_its_rim_and_lies_on_all_of_it() -> None:
