@@ -40,8 +40,7 @@ MASS = 0.37
 def command(console: Console, name: str, *keys: str) -> dict[str, Any]:
     """Run a command of tossid as a person would; returns what it says with --json."""
     console.say(f"\n$ tossid {name} {' '.join(keys)}".rstrip())
-    result: dict[str, Any] = call_with_keys(name, keys, json=False, quiet=False)
-    return result
+    return dict(call_with_keys(name, keys, json=False, quiet=False))
 
 
 def main() -> None:

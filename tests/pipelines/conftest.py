@@ -24,7 +24,7 @@ from tossid.errors import InputError
 if TYPE_CHECKING:
     from pipelines.drawing.recording_view import ViewContent
 
-KEYS = ["model=cnrpi", "model.horizons=[]", "epochs=12", "patience=12"]
+KEYS = ["model=cnrpi", "model.horizons=[]", "epochs=6", "patience=6"]
 """A short training."""
 
 FILM = ["tosses=1", "seed=2", "camera.count=2", "camera.samples=4", "camera.clocks_s=[0,0.02]"]

@@ -66,7 +66,7 @@ def unfinished() -> str:
 
 
 @pytest.mark.parametrize(
-    ("number", "epochs"), [(signal.SIGINT, 2), pytest.param(signal.SIGKILL, 16, marks=pytest.mark.slow)]
+    ("number", "epochs"), [(signal.SIGINT, 2), pytest.param(signal.SIGKILL, 8, marks=pytest.mark.slow)]
 )
 def test_an_interrupted_training_goes_on_in_its_run(
     beside: Path, made: Path, answer: Any, number: signal.Signals, epochs: int
