@@ -110,6 +110,17 @@ def with_special_cases(candidates: Sequence[Candidate], most: int) -> list[Candi
     return [*candidates[:most], *(c for c in candidates[most:] if c.name in special)]
 
 
+def replacements(found: Found, name: str) -> list[Candidate]:
+    """What may do alone what an effect of a found hypothesis does, in closed form, by the columns of the last round.
+
+    Args:
+        found: With the effect.
+        name: Of the effect.
+    """
+    shares = found.rounds[-1].screening.replacements(found.fit.columns_of(name), found.fit.from_nominal(name))
+    return not_containing(name, [c for share, c in shares if share > ALIKE])[:MOST_RIVALS]
+
+
 def rival_of(sample: Sample, found: Found, name: str, candidate: Candidate) -> Rival:
     """An effect in the place of another of a found hypothesis, all fitted again.
 

@@ -86,6 +86,11 @@ class Hypothesis:
         """Its effects, each with its values."""
         return zip(self.effects, self.values, strict=True)
 
+    @property
+    def contents(self) -> tuple[str, frozenset[str]]:
+        """The law of contact and the effects, whatever their values and order."""
+        return self.law.name, frozenset(self.names)
+
     def effect(self, name: str) -> Effect:
         """One of its effects.
 

@@ -91,6 +91,16 @@ class Sample:
         made = fit(near, start, n=self.n, iterations=iterations, held=held, follow=follow)
         return self.reevaluated(made, held)
 
+    def refitted_in_full(self, start: Hypothesis, held: frozenset[str]) -> Fit:
+        """A hypothesis fitted from given values, with the evidence of the full procedure at the beginning as well.
+
+        Args:
+            start: Values to begin with.
+            held: Effects whose values stay.
+        """
+        evidence = self.evidence(start)
+        return self.refitted(evidence, evidence.hypothesis, iterations=4, held=held)
+
     def reevaluated(self, made: Fit, held: frozenset[str] = frozenset()) -> Fit:
         """A fit with the evidence of the full procedure.
 

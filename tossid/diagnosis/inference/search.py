@@ -24,6 +24,7 @@ from tossid.diagnosis.inference.alternatives import (
     FlightHypothesis,
     likeliest,
     not_containing,
+    replacements,
     rival_of,
     rivals_in_flight,
     simplest,
@@ -158,7 +159,7 @@ class Search:
         self, present: Fit, first: Evidence, library: Sequence[Effect], held: frozenset[str]
     ) -> tuple[Fit, tuple[Round, ...]]:
         """Rounds from a hypothesis until nothing more joins. Effects that are held keep their values."""
-        rounds, seen = list[Round](), {_contents(present.hypothesis)}
+        rounds, seen = list[Round](), {present.hypothesis.contents}
         minimal: Fit | None = None  # the last one of which nothing could be pruned: that is not tried twice
         while len(present.hypothesis.effects) < MOST_EFFECTS:
             rounds.append(self._round(present, first, library, held))
@@ -174,9 +175,9 @@ class Search:
                 is_first = rounds[-1].effect is not None and sum(one.effect is not None for one in rounds) == 1
                 if is_first and _is_rough(present.evidence):
                     present = self._all_at_once(present, first, rounds[-1], held)
-            if _contents(present.hypothesis) in seen:
+            if present.hypothesis.contents in seen:
                 break
-            seen.add(_contents(present.hypothesis))
+            seen.add(present.hypothesis.contents)
         return present, tuple(rounds)
 
     def _joined(self, made: Round, held: frozenset[str]) -> tuple[Fit, Round]:
@@ -185,17 +186,13 @@ class Search:
         That is by full evidence: what only follows a fit cannot say which of two that are alike is the simpler story.
         """
         assert made.joined is not None
-        present, special = self._from_full_evidence(made.joined.fit, held), made.effect.contains if made.effect else ()
+        present = self.sample.refitted_in_full(made.joined.fit.hypothesis, held)
+        special = () if made.effect is None else made.effect.contains
         for each in (f for f in made.fitted if f.candidate.name in special):
-            simpler = self._from_full_evidence(each.fit, held)
+            simpler = self.sample.refitted_in_full(each.fit.hypothesis, held)
             if stands(simpler.hypothesis, present.hypothesis, self.sample.gains(simpler, present), self.library):
                 present, made = simpler, replace(made, joined=each)
         return present, made
-
-    def _from_full_evidence(self, near: Fit, held: frozenset[str]) -> Fit:
-        """A hypothesis fitted again from the evidence of the full procedure."""
-        evidence = self.sample.evidence(near.hypothesis)
-        return self.sample.refitted(evidence, evidence.hypothesis, iterations=4, held=held)
 
     def _round(self, present: Fit, first: Evidence, library: Sequence[Effect], held: frozenset[str]) -> Round:
         """Candidates beside a hypothesis, and which of them joins."""
@@ -273,7 +270,6 @@ class Search:
     def _with_rivals(self, found: Found, *, replaced: bool = False) -> Found:
         """With what each effect is needed for and what could take its place, which it does, once, if it is better."""
         sample, needed, rivals = self.sample, dict[str, Array](), dict(found.rivals)
-        last = found.rounds[-1]
         for name in found.hypothesis.names:
             if name in found.flown:
                 assert found.flight is not None
@@ -281,11 +277,9 @@ class Search:
                 needed[name] = in_air.gains(found.flight, in_air.without(found.flight, name))
                 continue
             needed[name] = sample.gains(found.fit, sample.without(found.fit, name, found.flown))
-            if last.before is not found.fit:
+            if found.rounds[-1].before is not found.fit:
                 continue
-            shares = last.screening.replacements(found.fit.columns_of(name), found.fit.from_nominal(name))
-            others = not_containing(name, [c for share, c in shares if share > ALIKE])
-            rivals[name] = tuple(self._map(partial(rival_of, sample, found, name), others[:MOST_RIVALS]))
+            rivals[name] = tuple(self._map(partial(rival_of, sample, found, name), replacements(found, name)))
             better = [r for r in rivals[name] if stands(r.fit.hypothesis, found.hypothesis, r.gain, self.library)]
             if better and not replaced:
                 best = max(better, key=lambda each: each.gain.sum())
@@ -301,7 +295,3 @@ class Search:
 
 def _is_rough(evidence: Evidence) -> bool:
     return bool(max(evidence.scales[[Phase.IMPACT, Phase.SLIDE]]) > ROUGH)
-
-
-def _contents(hypothesis: Hypothesis) -> tuple[str, frozenset[str]]:
-    return hypothesis.law.name, frozenset(hypothesis.names)
