@@ -19,6 +19,8 @@ MIN_FLIGHT = 0.04
 """Shortest free flight [s]."""
 CERTAIN, LONGEST = 0.8, 0.12
 """Local fits are so long that accelerations have this standard deviation [m/s²], and no longer than this [s]."""
+SLOW = 0.15
+"""They have at least three frames on each side, and two where three would span more than this [s]."""
 FLIGHT_ACCELERATION = 3.5
 """Deviation from gravity that is still free flight [m/s²]."""
 NOISY_ACCELERATION = 5.0
@@ -58,7 +60,8 @@ class LocalMotion:
         self.dt, self.gravity = dt, gravity
         self.com, self.low = center_of_mass(model, q), lowest_corner(model, q)
         self.noise, self.turn_noise = frame_noise(track, self.com)
-        least, noise = max(round(0.5 * MIN_FLIGHT / dt), 3), float(np.median(self.noise))
+        fewest, noise = 3 if 6 * dt < SLOW else 2, float(np.median(self.noise))
+        least = max(round(0.5 * MIN_FLIGHT / dt), fewest)
         self.window = half_width(noise, dt, least=least, certain=CERTAIN, longest=LONGEST)
         self.velocity, self.acceleration, self.outlier = local_parabolas(t, self.com, self.window, self.noise)
         k = min(self.window, len(t) // 2)
