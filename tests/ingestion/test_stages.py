@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.motion.handling import Handling
-from tests.vision.sights import seen_over_time, tumble
+from tests.vision.sights import sights, tumble
 from tossid.errors import InputError
 from tossid.ingestion import stages
 from tossid.ingestion.progress import Reporter
@@ -87,8 +87,8 @@ def _tracked(
     """Problems, and all that is said, of a tumble before the first default cameras; the second's clock is late [s]."""
     rng, said, detections = np.random.default_rng(4), list[str](), list[Detection]()
     t, q = tumble(160, rng)
-    for c, camera in enumerate(default_rig()[:films]):
-        detections += seen_over_time(camera, tagged, t, q, rng, late=late if c == 1 else 0.0)
+    for c in range(films):
+        detections += sights(default_rig()[c : c + 1], tagged, t, q, rng, late=late if c == 1 else 0.0)
     opened = Opened(path=Path("film"), folder=Path("film"), cameras=cameras, layout=layout_of(tagged), model=tagged)
     report = Reporter(lambda progress: said.append(progress.message))
     stages.track(opened, detections, report=report)

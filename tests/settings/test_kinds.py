@@ -147,13 +147,13 @@ def test_a_change_that_will_not_do_is_refused(keys: dict[str, Any], says: str) -
 
 
 def test_an_advanced_part_changes_by_name_and_is_marked() -> None:
-    settings = changed(TrackSettings(), {"stream.window": 10, "clocks": False})
-    assert (settings.stream, settings.clocks) == (StreamSettings(window=10), False)
+    settings = changed(TrackSettings(), {"stream.stretches": 10, "clocks": False})
+    assert (settings.stream, settings.clocks) == (StreamSettings(stretches=10), False)
     marked = {name for name, each in TrackSettings.__dataclass_fields__.items() if each.metadata.get(ADVANCED)}
     assert "stream" in marked
     assert "clocks" not in marked
     with pytest.raises(ConfigError, match="stream: there is no such key"):
-        convert(TrackSettings, {"stream": {"window": 10}}, key="", advanced=False)
+        convert(TrackSettings, {"stream": {"stretches": 10}}, key="", advanced=False)
     assert "stream" not in to_plain(settings, advanced=False)
 
 

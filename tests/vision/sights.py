@@ -44,41 +44,34 @@ def alike(sigma: float) -> np.ndarray:
     return np.tile(sigma**2 * np.eye(2), (4, 1, 1))
 
 
-def seen(
+def sights(
     cameras: Sequence[Camera],
     model: ObjectModel,
-    t: float,
+    t: np.ndarray,
     q: np.ndarray,
     rng: np.random.Generator,
-    sigma: float,
-    facing: float = 0.35,
+    *,
+    sigma: float = 0.1,
+    late: float = 0.0,
 ) -> Iterator[Detection]:
-    """Detections of a pose without rendering: true corners with noise, of tags that face a camera."""
-    poses = [transform(p, quat) for p, quat in zip(*body_poses(model, q), strict=True)]
-    for camera in cameras:
-        eye = camera.T_world_cam[:3, 3]
-        for tag in model.tags:
-            T = poses[tag.body]
-            corners = transform_points(T, tag_corners(tag))
-            view = eye - corners.mean(axis=0)
-            if (T[:3, :3] @ tag.T_body_tag[:3, 2]) @ view > facing * np.linalg.norm(view):
-                noise = sigma * rng.normal(size=(4, 2))
-                yield Detection(camera.name, t, tag.id, camera.project(corners) + noise, alike(sigma))
+    """Detections without rendering, in order of time, made as they are asked for.
 
-
-def seen_over_time(
-    camera: Camera, model: ObjectModel, t: np.ndarray, q: np.ndarray, rng: np.random.Generator, *, late: float = 0.0
-) -> list[Detection]:
-    """The same by one camera at times t (n,) of a rigid object's configurations q (n, 7); its clock is late [s]."""
-    found = []
-    for tag in model.tags:
-        T = transform(q[:, :3], q[:, 3:7])
-        corners = transform_points(T, np.broadcast_to(tag_corners(tag), (len(t), 4, 3)))
-        view = camera.T_world_cam[:3, 3] - corners.mean(axis=1)
-        facing = np.sum((T[:, :3, :3] @ tag.T_body_tag[:3, 2]) * view, axis=1) > 0.35 * np.linalg.norm(view, axis=1)
-        pixels = camera.project(corners) + 0.1 * rng.normal(size=(len(t), 4, 2))
-        found += [Detection(camera.name, t[i] + late, tag.id, pixels[i], alike(0.1)) for i in np.flatnonzero(facing)]
-    return sorted(found, key=lambda d: d.t)
+    They are the true corners, with noise, of the tags that face a camera, at times t (n,) of configurations q (n, nq);
+    the cameras' clocks are late [s].
+    """
+    for part in np.array_split(np.arange(len(t)), len(t) // 100 + 1):
+        position, quat = body_poses(model, q[part])
+        found = []
+        for camera in cameras:
+            for tag in model.tags:
+                T = transform(position[:, tag.body], quat[:, tag.body])
+                corners = transform_points(T, np.broadcast_to(tag_corners(tag), (len(part), 4, 3)))
+                view = camera.T_world_cam[:3, 3] - corners.mean(axis=1)
+                facing = np.sum((T[:, :3, :3] @ tag.T_body_tag[:3, 2]) * view, axis=1)
+                pixels = camera.project(corners) + sigma * rng.normal(size=(len(part), 4, 2))
+                for i in np.flatnonzero(facing > 0.35 * np.linalg.norm(view, axis=1)):
+                    found.append(Detection(camera.name, float(t[part[i]]) + late, tag.id, pixels[i], alike(sigma)))
+        yield from sorted(found, key=lambda d: d.t)
 
 
 def motion(n: int, rng: np.random.Generator) -> np.ndarray:
@@ -105,7 +98,7 @@ def filmed_tumble(
 ) -> tuple[list[Detection], np.ndarray]:
     """Detections of a tumble, and its configurations (n, 7), a frame each."""
     t, q = tumble(n, rng)
-    return [d for i in range(n) for d in seen(cameras, model, t[i], q[i], rng, sigma)], q
+    return list(sights(cameras, model, t, q, rng, sigma=sigma)), q
 
 
 def track(

@@ -15,11 +15,11 @@ TAG_KEYS = ("id", "size", "pose", "family")
 BODY_KEYS = (
     *("is_static", "type", "pose", "tags", "board", "default_tag_size", "tag_family", "ignore_tags"),
     *("override_tag_position_noise", "override_tag_rotation_noise"),
-    *("fake_odom_translation_noise", "fake_odom_rotation_noise"),
 )
 TAGSLAMS_BODY_KEYS = (
     *("max_hamming_distance", "T_body_odom", "odom_frame_id", "odom_topic", "publish_covariance", "frame_id"),
     *("odom_translation_noise", "odom_rotation_noise", "odom_acceleration", "odom_angular_acceleration"),
+    *("fake_odom_translation_noise", "fake_odom_rotation_noise"),
     *(f"odom_{of}acceleration_noise_{end}" for of in ("", "angular_") for end in ("min", "max")),
     *("is_default_body", "staggered_board"),
 )

@@ -17,14 +17,12 @@ class StreamSettings:
     """detections come in order of time to within this [s]"""
     border: Positive = 0.5
     """a piece ends at the widest gap between frames within this of its full length [s]"""
-    whole_frames: Count = 12_000
-    """frames up to which a recording is tracked as a whole where something static is to be calibrated"""
+    whole_frames: Count = 4000
+    """frames up to which a recording is tracked as a whole where something static, or a clock, is to be found"""
     stretches: Count = 20
     """of a longer one, so many stretches calibrate what is static"""
-    stretch_frames: Count = 600
+    stretch_frames: Count = 200
     """frames of each stretch"""
-    window: Count = 3000
-    """time steps that are optimised together"""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -145,4 +145,4 @@ def test_what_only_python_changes_is_no_key_and_keeps_its_default() -> None:
     assert config.track.stream == TrackSettings().stream
     assert not any(name.startswith("track.stream") for name in flatten(as_plain(config)))
     with pytest.raises(ConfigError, match=r"track\.stream"):
-        load("ingest", IngestConfig, ["track.stream.window=10"])
+        load("ingest", IngestConfig, ["track.stream.stretches=10"])

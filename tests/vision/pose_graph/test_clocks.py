@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.motion.handling import Handling
-from tests.vision.sights import seen_over_time, tumble
+from tests.vision.sights import sights, tumble
 from tossid.objects import ObjectModel
 from tossid.rotations import quat_exp
 from tossid.settings.tracking import TrackSettings
@@ -40,7 +40,7 @@ def _found(model: ObjectModel, films: dict[int, Film], late: dict[int, float]) -
     """Of what cameras see, by their numbers, with clocks that are late [s]."""
     rng, detections = np.random.default_rng(1), list[Detection]()
     for c, (t, q) in films.items():
-        detections += seen_over_time(KNOWN[c], model, t, q, rng, late=late.get(c, 0.0))
+        detections += sights(KNOWN[c : c + 1], model, t, q, rng, late=late.get(c, 0.0))
     detections.sort(key=lambda d: d.t)
     return clock_offsets(detections, UNKNOWN, layout_of(model), settings=TrackSettings())
 
@@ -139,8 +139,8 @@ def test_tags_of_unknown_place_are_followed_one_by_one(tagged: ObjectModel, toss
     loose = [replace(tag, T_body_tag=None) for tag in layout.bodies[-1].tags]
     layout = replace(layout, bodies=(*layout.bodies[:-1], replace(layout.bodies[-1], tags=tuple(loose))))
     rng = np.random.default_rng(2)
-    late = [seen_over_time(KNOWN[c], tagged, *tosses, rng, late=2.5 * c) for c in range(2)]
-    detections = sorted(late[0] + late[1], key=lambda d: d.t)
+    late = [d for c in range(2) for d in sights(KNOWN[c : c + 1], tagged, *tosses, rng, late=2.5 * c)]
+    detections = sorted(late, key=lambda d: d.t)
     found = clock_offsets(detections, UNKNOWN[:2], layout, settings=TrackSettings())
     assert found.offsets == {"cam1": pytest.approx(2.5, abs=5e-3)}
 
@@ -150,8 +150,8 @@ def test_an_offset_of_any_size_is_estimated(tagged: ObjectModel, late: float, ev
     """Of cameras at known places or not, of one rate or 148 and 30 frames a second; no sighting is lost."""
     rng, cameras = np.random.default_rng(2), default_rig(n_cameras=2)
     t, q = tumble(4 * 200, rng, rate_hz=4 * 148)
-    detections = seen_over_time(cameras[0], tagged, t[::4], q[::4], rng)
-    detections += seen_over_time(cameras[1], tagged, t[2 :: 4 * every], q[2 :: 4 * every], rng, late=late)
+    detections = list(sights(cameras[:1], tagged, t[::4], q[::4], rng))
+    detections += sights(cameras[1:], tagged, t[2 :: 4 * every], q[2 :: 4 * every], rng, late=late)
     if not known:
         cameras = (cameras[0], replace(cameras[1], T_rig_cam=None))
     found = track_scene(detections, cameras, layout_of(tagged))
@@ -168,7 +168,7 @@ def test_an_offset_of_any_size_is_estimated(tagged: ObjectModel, late: float, ev
 def test_clocks_that_agree_are_left_alone(tagged: ObjectModel) -> None:
     rng, true = np.random.default_rng(3), default_rig(n_cameras=2)
     t, q = tumble(160, rng)
-    detections = [d for camera in true for d in seen_over_time(camera, tagged, t, q, rng)]
+    detections = list(sights(true, tagged, t, q, rng))
     cameras = (true[0], replace(true[1], T_rig_cam=None))
     report = track_scene(detections, cameras, layout_of(tagged)).report
     assert report.clocks == report.clock_doubts == {}

@@ -16,7 +16,7 @@ from tossid.vision.pose_graph.corner_projection import (
     project_tag,
 )
 from tossid.vision.pose_graph.factors import Noise, View, view_factor
-from tossid.vision.pose_graph.least_squares import SingularError, covariances
+from tossid.vision.pose_graph.least_squares import WEAK_PRIOR, joint_covariance, marginals_of
 from tossid.vision.pose_graph.resect import retract
 from tossid.vision.setup.hinge import Hinge
 from tossid.vision.setup.layout import SQUARE
@@ -113,37 +113,14 @@ def test_the_derivatives_of_a_view_of_a_body_that_hangs_on_others() -> None:
     np.testing.assert_allclose(*_jacobians(view_factor(view, fixed, Noise()), values), atol=1e-6)
 
 
-SHARED, STEPS = {1: 3, 2: 2}, {10: 3, 11: 3, 12: 3, 20: 1}
-
-
-def _factor(keys: list[int], rng: np.random.Generator, rows: int = 4) -> gtsam.JacobianFactor:
-    terms = [part for key in keys for part in (key, rng.normal(size=(rows, (SHARED | STEPS)[key])))]
-    return gtsam.JacobianFactor(*terms, rng.normal(size=rows), gtsam.noiseModel.Isotropic.Sigma(rows, 0.3))
-
-
-def _graph(seed: int = 0) -> gtsam.GaussianFactorGraph:
-    """Three steps that meet in what is shared; one of them has a joint."""
-    rng, graph = np.random.default_rng(seed), gtsam.GaussianFactorGraph()
-    for keys in ([1], [1, 10], [10, 2], [2, 11, 1], [12, 20, 1], [20, 2], [12], [1, 2]):
-        graph.add(_factor(keys, rng))
-    return graph
-
-
-def test_blocks_are_those_of_the_inverse_hessian() -> None:
-    graph = _graph()
-    found = covariances(graph, SHARED | STEPS, SHARED, damping=0.2)
-    keys = graph.keyVector()
-    whole = np.linalg.inv(graph.hessian()[0] + 0.2 * np.eye(15))
-    first = dict(zip(keys, np.cumsum([0, *((SHARED | STEPS)[key] for key in keys)]), strict=False))
-    for group in ([1], [2], [1, 2], [10], [11], [12], [20], [12, 20], [20, 12]):
-        at = np.concatenate([np.arange(first[key], first[key] + (SHARED | STEPS)[key]) for key in group])
-        np.testing.assert_allclose(found.joint(group), whole[np.ix_(at, at)], rtol=1e-8, atol=1e-12)
-
-
-def test_what_nothing_determines_is_named() -> None:
-    rng, graph = np.random.default_rng(1), gtsam.GaussianFactorGraph()
-    for keys in ([1, 10], [10, 2], [2, 10]):
-        graph.add(_factor(keys, rng))
-    graph.add(gtsam.JacobianFactor(11, np.zeros((1, 3)), np.zeros(1), gtsam.noiseModel.Unit.Create(1)))
-    with pytest.raises(SingularError, match=r"Symbol: 11\)"):
-        covariances(graph, SHARED | {10: 3, 11: 3}, SHARED)
+def test_what_a_graph_leaves_undetermined_has_a_weak_priors_variance() -> None:
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    for key in (0, 1, 2):
+        values.insert(key, gtsam.Pose3())
+    graph.add(gtsam.PriorFactorPose3(0, gtsam.Pose3(), gtsam.noiseModel.Isotropic.Sigma(6, 0.01)))
+    graph.add(gtsam.BetweenFactorPose3(0, 1, gtsam.Pose3(), gtsam.noiseModel.Isotropic.Sigma(6, 0.02)))
+    nothing = gtsam.noiseModel.Diagonal.Precisions(np.zeros(6))
+    graph.add(gtsam.PriorFactorPose3(2, gtsam.Pose3(), nothing))
+    found = marginals_of(graph, values)
+    np.testing.assert_allclose(joint_covariance(found, [0, 1]), np.kron([[1, 1], [1, 5]], 1e-4 * np.eye(6)), rtol=1e-3)
+    np.testing.assert_allclose(joint_covariance(found, [2]), WEAK_PRIOR**2 * np.eye(6), rtol=1e-9)

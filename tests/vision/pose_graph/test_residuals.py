@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.vision.sights import filmed_tumble, seen, tumble, wall
+from tests.vision.sights import filmed_tumble, sights, tumble, wall
 from tossid.objects import ObjectModel
 from tossid.settings.tracking import TrackSettings
 from tossid.types import Detection
@@ -83,10 +83,9 @@ def test_a_frame_that_is_late_within_its_step_is_used_at_its_own_time(tagged: Ob
     rng, cameras = np.random.default_rng(2), default_rig()
     t, q = tumble(60 * 20, rng, rate_hz=148 * 20)
     detections = []
-    for i in range(0, len(t) - 20, 20):
-        for c, camera in enumerate(cameras):
-            k = i + (4 if c == 1 else 0)
-            detections += seen([camera], tagged, t[k], q[k], rng, 0.1)
+    for c in range(3):
+        late = slice(4 if c == 1 else 0, -20, 20)
+        detections += sights(cameras[c : c + 1], tagged, t[late], q[late], rng)
     solved = _solved(detections, tagged)
     assert np.abs(solved.scene.delay).max() == pytest.approx(4 / 148 / 20)
     assert np.sqrt(np.mean(solved.errors.pixels[solved.used] ** 2)) < 1.15 * 0.1 * 2**0.5

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import tempfile
 import tracemalloc
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from tests.vision.sights import nees, seen, seen_over_time, tangent, tumble
+from tests.vision.sights import nees, sights, tangent, tumble
 from tossid.errors import InputError
 from tossid.objects import ObjectModel
 from tossid.settings.tracking import StreamSettings, TrackSettings
-from tossid.types import Detection, PoseTrack
-from tossid.vision.cameras.camera import Camera
+from tossid.types import PoseTrack
 from tossid.vision.cameras.rig import default_rig
 from tossid.vision.pose_graph.stream import track_stream
 from tossid.vision.pose_graph.track import track_scene
@@ -29,17 +27,10 @@ STRETCHES = TrackSettings(stream=replace(SHORT, whole_frames=200, stretches=4, s
 """And of recordings that are soon long."""
 
 
-def _sights(
-    cameras: tuple[Camera, ...], model: ObjectModel, t: np.ndarray, q: np.ndarray, rng: np.random.Generator
-) -> Iterator[Detection]:
-    for i in range(len(t)):
-        yield from seen(cameras, model, float(t[i]), q[i], rng, 0.1)
-
-
 def test_pieces_give_what_the_whole_gives(tagged: ObjectModel) -> None:
     rng, cameras, layout = np.random.default_rng(0), default_rig(), layout_of(tagged)
     t, q = tumble(300, rng)
-    detections = list(_sights(cameras, tagged, t, q, rng))
+    detections = list(sights(cameras, tagged, t, q, rng))
     late = sorted(detections, key=lambda d: d.t + 0.05 * rng.random())  # not quite in order
     whole, pieces = track_scene(detections, cameras, layout), track_stream(late, cameras, layout, settings=PIECES)
     a, b = whole.tracks["cube"], pieces.tracks["cube"]
@@ -64,7 +55,7 @@ def test_memory_does_not_grow_with_the_recording(tagged: ObjectModel) -> None:
         # there and back, so that pieces are alike
         t, q = np.arange(n) / 148, np.tile(np.concatenate([once, once[::-1]]), (n // 200, 1))
         tracemalloc.start()
-        found = track_stream(_sights(cameras, tagged, t, q, rng), cameras, layout, settings=PIECES)
+        found = track_stream(sights(cameras, tagged, t, q, rng), cameras, layout, settings=PIECES)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
         assert len(found.tracks["cube"].t) == n
@@ -76,7 +67,7 @@ def test_a_gap_in_detections_does_not_end_the_track(tagged: ObjectModel) -> None
     rng, cameras = np.random.default_rng(2), default_rig()
     t, q = tumble(120, rng)
     t = np.where(np.arange(120) < 60, t, t + 7.0)
-    found = track_stream(_sights(cameras, tagged, t, q, rng), cameras, layout_of(tagged), settings=PIECES)
+    found = track_stream(sights(cameras, tagged, t, q, rng), cameras, layout_of(tagged), settings=PIECES)
     track = found.tracks["cube"]
     assert len(track.t) == 120
     assert np.abs(tangent(track, q)[:, :3]).max() < 2e-3
@@ -101,7 +92,7 @@ def test_a_clock_is_found_once_and_taken_off_all_pieces(
     """Of detections that come once, in the order of their time stamps."""
     rng, cameras = np.random.default_rng(9), default_rig(n_cameras=2)
     t, q = tumble(n, rng)
-    stamped = [d for c in (0, 1) for d in seen_over_time(cameras[c], tagged, t, q, rng, late=late * c)]
+    stamped = [d for c in (0, 1) for d in sights(cameras[c : c + 1], tagged, t, q, rng, late=late * c)]
     stamped.sort(key=lambda d: d.t)
     cameras = (cameras[0], replace(cameras[1], **change))
     found = track_stream(iter(stamped), cameras, layout_of(tagged), settings=settings)
@@ -119,7 +110,7 @@ def test_poses_are_handed_on_as_they_are_found(tagged: ObjectModel, known: bool)
     """Piece by piece, or, of what is tracked as a whole, at its end; the same poses."""
     rng, cameras, layout = np.random.default_rng(5), default_rig(), layout_of(tagged)
     t, q = tumble(300 if known else 60, rng)
-    detections = list(_sights(cameras, tagged, t, q, rng))
+    detections = list(sights(cameras, tagged, t, q, rng))
     if not known:
         body = layout.bodies[-1]
         body = replace(body, tags=(replace(body.tags[0], T_body_tag=None), *body.tags[1:]))
@@ -140,7 +131,7 @@ def test_a_long_recording_is_calibrated_by_stretches_of_it(tagged: ObjectModel, 
     """Poses as good as tracked in one go, covariances that hold, and what is static within its own deviations."""
     rng, true = np.random.default_rng(6), default_rig()
     t, q = tumble(300, rng)
-    detections = list(_sights(true, tagged, t, q, rng))
+    detections = list(sights(true, tagged, t, q, rng))
     cameras, layout, body = true, layout_of(tagged), layout_of(tagged).bodies[-1]
     if what == "cameras":
         cameras = (true[0], *(replace(camera, T_rig_cam=None) for camera in true[1:]))

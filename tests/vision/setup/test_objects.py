@@ -12,7 +12,7 @@ from tossid.errors import ObjectError
 from tossid.objects import ObjectModel, body_poses
 from tossid.rotations import quat_normalize, transform, transform_inv
 from tossid.vision.setup.faces import tag_corners
-from tossid.vision.setup.hinge import Hinges
+from tossid.vision.setup.hinge import stacked, swing
 from tossid.vision.setup.layout import articulated, layout_of, object_tags
 from tossid.vision.setup.tag_sheet import PAPERS, tag_sheets
 from tossid.vision.setup.tagslam import read_tagslam, write_tagslam
@@ -60,7 +60,7 @@ def test_a_hinge_is_the_objects_own(elbow: ObjectModel) -> None:
     for angle in rng.uniform(-3, 3, 20):
         q = np.array([*rng.normal(size=3), *quat_normalize(rng.normal(size=4)), angle])
         base, limb = (transform(p, quat) for p, quat in zip(*body_poses(elbow, q), strict=True))
-        np.testing.assert_allclose(Hinges.of([hinge]).swing(base, [angle])[0], limb, atol=1e-12)
+        np.testing.assert_allclose(swing(base, *stacked([hinge]), np.array([angle]))[0], limb, atol=1e-12)
         assert hinge.angle(transform_inv(base) @ limb) == pytest.approx(angle, abs=1e-12)
         assert hinge.misfit(transform_inv(base) @ limb) == pytest.approx(0.0, abs=1e-9)
         flipped = limb @ transform(np.zeros(3), np.array([0.0, 1.0, 0.0, 0.0]))

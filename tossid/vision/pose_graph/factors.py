@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tossid.kernels import kernel, part_kernel
 from tossid.vision.pose_graph.corner_projection import HUBER, project_tag
-from tossid.vision.setup.hinge import Hinge, Hinges
+from tossid.vision.setup.hinge import Hinge, stacked, swing
 from tossid.vision.setup.layout import SQUARE, Measurement
 
 Array = NDArray[np.float64]
@@ -124,7 +124,7 @@ def view_factor(view: View, fixed: dict[int, Array], noise: Noise) -> gtsam.Cust
     rows = 8 * len(view.tags)
     edge_growth = np.zeros_like(view.seen) if view.edge_growth is None else view.edge_growth
     seen = _Tags(tag_slot, view.half, view.seen, view.whiten, edge_growth, HUBER * np.sqrt(view.count))
-    joints, hinges = [key for key, _ in view.joints], Hinges.of([hinge for _, hinge in view.joints])
+    joints, hinges = [key for key, _ in view.joints], stacked([hinge for _, hinge in view.joints])
     first_joint = len(free) + (view.clock is not None)
     printed = [(tags.index(tag), key) for tag, (_, key) in view.prints.items() if key is not None]
     as_given = np.zeros((len(tags) if view.prints else 0, 3))
@@ -137,7 +137,7 @@ def view_factor(view: View, fixed: dict[int, Array], noise: Noise) -> gtsam.Cust
             here[slot] = values.atPose3(key).matrix()
         by_joints = np.zeros((0, 0))
         if joints:
-            here[2], by_joints = hinges.swing(here[2], [values.atDouble(key) for key in joints])
+            here[2], by_joints = swing(here[2], *hinges, np.array([values.atDouble(key) for key in joints]))
         prints = as_given.copy()
         for slot, key in printed:
             prints[slot] = values.atPoint3(key)

@@ -1,23 +1,15 @@
-"""The pose graph: all poses of a scene from what was seen and what was known before, with covariances (GTSAM).
-
-The time steps of a long recording share only what is static. Where that is to be calibrated, a sample of steps
-calibrates it in one batch; the steps follow in windows, with the result as their prior, so that memory does not grow
-with the recording.
-"""
+"""The pose graph: all poses of a scene from what was seen and what was known before, with covariances (GTSAM)."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
 from tossid.vision.pose_graph.graph_builder import Problem, build, hinges_of
-from tossid.vision.pose_graph.least_squares import Marginals, marginals_of, optimise
+from tossid.vision.pose_graph.least_squares import joint_covariance, marginals_of, optimise
 from tossid.vision.pose_graph.scene import Scene
 from tossid.vision.pose_graph.state import (
-    Prior,
     Solution,
     State,
     TimingModel,
@@ -29,7 +21,7 @@ from tossid.vision.pose_graph.state import (
     tag_key,
     unsolved,
 )
-from tossid.vision.setup.hinge import Hinges
+from tossid.vision.setup.hinge import stacked, swing
 from tossid.vision.setup.layout import chain, descendants
 
 Array = NDArray[np.float64]
@@ -39,8 +31,6 @@ Bools = NDArray[np.bool_]
 INDEPENDENT_WINDOW = 60
 """Time steps that are optimised together where steps share no unknown; the slowest of them sets how often all of them
 are linearised."""
-SAMPLED_STEPS = 20
-"""Of a recording longer than a window, so many time steps of each tag and camera, at least, calibrate these."""
 
 
 def solve(problem: Problem, state: State, *, steps: Ints | None = None) -> Solution:
@@ -54,53 +44,14 @@ def solve(problem: Problem, state: State, *, steps: Ints | None = None) -> Solut
     Raises:
         SolverError: The optimisation does not reach a finite error.
     """
-    scene, most = problem.scene, problem.settings.stream.window
-    timing = problem.timing or TimingModel.none(scene)
-    steps = np.unique(scene.step[problem.used]) if steps is None else steps
+    timing = problem.timing or TimingModel.none(problem.scene)
+    steps = np.unique(problem.scene.step[problem.used]) if steps is None else steps
     solution = unsolved(state, timing.clock)
     together = problem.shares_unknowns or timing.free.any()
-    window = most if together else min(most, INDEPENDENT_WINDOW)
-    if len(steps) <= window:
-        _batch(problem, solution, steps, statics=True)
-        return solution
-    learned: dict[int, Prior] = {}
-    if together:
-        timing, learned = _calibrated(problem, solution, steps, window)
-        problem = replace(problem, timing=timing, known={**problem.known, **learned})
-    for a in range(0, len(steps), window):
-        _batch(problem, solution, steps[a : a + window], statics=False)
-    for key, poses, covs, at in _statics(scene, solution):
-        if key in learned:  # a window sees less of what is static than the sample did
-            poses[at], cov = learned[key].T, learned[key].cov
-            covs[at] = 0.0 if cov is None else cov
+    window = max(len(steps), 1) if together else INDEPENDENT_WINDOW
+    for a in range(0, max(len(steps), 1), window):
+        _batch(problem, solution, steps[a : a + window])
     return solution
-
-
-def _calibrated(problem: Problem, solution: Solution, steps: Ints, window: int) -> tuple[TimingModel, dict[int, Prior]]:
-    """Clocks, and prior knowledge of all that is static, from a sample of the steps."""
-    scene = problem.scene
-    sample = _spread(problem, steps, window)
-    _batch(replace(problem, covariances=True, solved=False), solution, sample, statics=True)
-    learned = {
-        key: Prior(poses[at].copy(), covs[at].copy() if covs[at].any() else None)
-        for key, poses, covs, at in _statics(scene, solution)
-        if np.isfinite(covs[at]).all()
-    }
-    still = TimingModel.none(scene)
-    twist = still.twist if problem.timing is None else problem.timing.twist
-    return replace(still, twist=twist, clock=solution.clock.copy()), learned
-
-
-def _spread(problem: Problem, steps: Ints, window: int) -> Ints:
-    """Time steps from all over a recording, with some of every tag and every camera."""
-    scene, used = problem.scene, problem.used
-    chosen = [steps[np.linspace(0, len(steps) - 1, window).astype(np.int64)]]
-    for index in (scene.tag, scene.camera):
-        for i in np.unique(index[used]):
-            own = np.unique(scene.step[used & (index == i)])
-            count = min(SAMPLED_STEPS, len(own))
-            chosen.append(own[np.linspace(0, len(own) - 1, count).astype(np.int64)])
-    return np.unique(np.concatenate(chosen))
 
 
 def _statics(scene: Scene, solution: Solution) -> list[tuple[int, Array, Array, int]]:
@@ -112,17 +63,15 @@ def _statics(scene: Scene, solution: Solution) -> list[tuple[int, Array, Array, 
     return slots + [(body_key(b, 0), state.world[b], solution.world_cov[b], 0) for b in statics]
 
 
-def _batch(problem: Problem, solution: Solution, steps: Ints, *, statics: bool) -> None:
-    """Optimise some steps together, into the solution; `statics`: with prints and measured lengths."""
+def _batch(problem: Problem, solution: Solution, steps: Ints) -> None:
+    """Optimise some steps together, into the solution."""
     scene, state = problem.scene, solution.state
-    built = build(problem, state, problem.used & np.isin(scene.step, steps), statics=statics)
+    built = build(problem, state, problem.used & np.isin(scene.step, steps))
     values = built.values if problem.solved else optimise(built.graph, built.values)
     built.noise.scale = problem.scale
     slots, marginals = _statics(scene, solution), None
     if problem.covariances and values.size():
-        shared = {slot[0] for slot in slots} | {print_key(i) for i in range(len(scene.tags))}
-        shared |= {clock_key(c) for c in range(len(scene.cameras))}
-        marginals = marginals_of(built.graph, values, shared)
+        marginals = marginals_of(built.graph, values)
     for b, body in enumerate(scene.bodies):
         for step in () if body.is_static or body.hinge is not None else steps:
             slots.append((body_key(b, int(step)), state.world[b], solution.world_cov[b], int(step)))
@@ -132,7 +81,7 @@ def _batch(problem: Problem, solution: Solution, steps: Ints, *, statics: bool) 
         elif values.exists(key):
             poses[at] = values.atPose3(key).matrix()
             if marginals is not None:
-                covs[at] = marginals.joint([key])
+                covs[at] = joint_covariance(marginals, [key])
     for root in range(len(scene.bodies)):
         if descendants(scene.bodies, root):
             _update_descendants(scene, solution, root, steps, values, marginals)
@@ -144,11 +93,11 @@ def _batch(problem: Problem, solution: Solution, steps: Ints, *, statics: bool) 
         if values.exists(clock_key(c)):
             solution.clock[c] = values.atDouble(clock_key(c))
             if marginals is not None:
-                solution.clock_sigma[c] = float(np.sqrt(marginals.joint([clock_key(c)])[0, 0]))
+                solution.clock_sigma[c] = float(np.sqrt(joint_covariance(marginals, [clock_key(c)])[0, 0]))
 
 
 def _update_descendants(
-    scene: Scene, solution: Solution, root: int, steps: Ints, values: gtsam.Values, marginals: Marginals | None
+    scene: Scene, solution: Solution, root: int, steps: Ints, values: gtsam.Values, marginals: gtsam.Marginals | None
 ) -> None:
     """Put into the solution the poses and covariances of all bodies that hang on one.
 
@@ -173,16 +122,17 @@ def _update_descendants(
             way = chain(scene.bodies, b)[1]
             if not all(link in at for link in way):
                 continue
-            angles = [values.atDouble(joint_key(link, step)) for link in way]
-            T, J = Hinges.of(hinges_of(scene, way)).swing(values.atPose3(body_key(root, step)).matrix(), angles)
+            angles = np.array([values.atDouble(joint_key(link, step)) for link in way])
+            T_root = np.ascontiguousarray(values.atPose3(body_key(root, step)).matrix())
+            T, J = swing(T_root, *stacked(hinges_of(scene, way)), angles)
             solution.state.world[b][step] = T
             index = [*range(6), *(6 + at[link] for link in way)]
             solution.world_cov[b][step] = J @ tree[step][np.ix_(index, index)] @ J.T
 
 
-def _tree_cov(marginals: Marginals, root: int, joints: dict[int, int], m: int) -> Array:
+def _tree_cov(marginals: gtsam.Marginals, root: int, joints: dict[int, int], m: int) -> Array:
     """(6 + m, 6 + m) of a root's tangent and m angles, NaN of angles that the graph does not have."""
     at = [*range(6), *(6 + i for i in joints.values())]
     cov = np.full((6 + m, 6 + m), np.nan)
-    cov[np.ix_(at, at)] = marginals.joint([root, *joints])
+    cov[np.ix_(at, at)] = joint_covariance(marginals, [root, *joints])
     return cov

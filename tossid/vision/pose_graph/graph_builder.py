@@ -2,12 +2,11 @@
 
 Variables are T_world_body of static bodies and, for each time step, of moving ones; the hinge angles of bodies that
 hang on others; T_rig_cam and T_body_tag; clocks and prints where they are to be estimated. Exactly known poses are
-constants. Factors are views (`factors.view_factor`), the set-up's priors, measured lengths, and stillness.
+constants. Factors are views (`factors.view_factor`), the set-up's priors, and measured lengths.
 """
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, field
 
 import gtsam
@@ -73,12 +72,11 @@ class Problem:
 
     @property
     def shares_unknowns(self) -> bool:
-        """Whether time steps share unknowns: something static is not exactly known, or stillness connects them."""
+        """Whether time steps share unknowns: something static is not exactly known."""
         scene, known = self.scene, self.known
         keys = [camera_key(c) for c in range(len(scene.cameras))] + [tag_key(i) for i in range(len(scene.tags))]
         keys += [body_key(b, 0) for b, body in enumerate(scene.bodies) if body.is_static]
-        still = any(body.stillness is not None for body in scene.bodies)
-        return still or not all(key in known and known[key].exact for key in keys)
+        return not all(key in known and known[key].exact for key in keys)
 
 
 @dataclass(eq=False)
@@ -91,20 +89,19 @@ class BuiltGraph:
     noise: Noise = field(default_factory=Noise)
 
 
-def build(problem: Problem, state: State, rows: Bools, *, statics: bool) -> BuiltGraph:
+def build(problem: Problem, state: State, rows: Bools) -> BuiltGraph:
     """The factor graph of some sightings, with first values of its variables.
 
     Args:
         problem: What is to be solved.
         state: First poses; sightings with an unknown pose between camera and tag are left out.
         rows: Sightings, (d,).
-        statics: Whether prints and measured lengths take part, too.
     """
     scene, known = problem.scene, problem.known
     timing = problem.timing or TimingModel.none(scene)
     built, half = BuiltGraph(), scene.half
     built.noise.spread_sigma = problem.tag_model.spread_sigma
-    free = problem.tag_model.prints if statics else frozenset()
+    free = problem.tag_model.prints
     chains = [chain(scene.bodies, b) for b in range(len(scene.bodies))]
     index = _placed(scene, state, np.flatnonzero(rows), chains)
     for group in _views(scene, index):
@@ -156,9 +153,7 @@ def build(problem: Problem, state: State, rows: Bools, *, statics: bool) -> Buil
         if built.values.exists(key) and prior.cov is not None:
             noise = gtsam.noiseModel.Gaussian.Covariance(0.5 * (prior.cov + prior.cov.T))
             built.graph.add(gtsam.PriorFactorPose3(key, gtsam.Pose3(prior.T), noise))
-    _add_stillness(built, scene)
-    if statics:
-        _add_measurements(built, scene, state, known)
+    _add_measurements(built, scene, state, known)
     return built
 
 
@@ -244,18 +239,6 @@ def _clock(built: BuiltGraph, c: int, timing: TimingModel) -> int:
         noise = gtsam.noiseModel.Isotropic.Sigma(1, CLOCK_SIGMA)
         built.graph.add(gtsam.PriorFactorDouble(key, float(timing.clock[c]), noise))
     return key
-
-
-def _add_stillness(built: BuiltGraph, scene: Scene) -> None:
-    for b, body in enumerate(scene.bodies):
-        if body.stillness is None:
-            continue
-        translation, rotation = body.stillness
-        noise = gtsam.noiseModel.Diagonal.Sigmas(np.repeat([rotation, translation], 3))
-        keys = [body_key(b, step) for step in range(len(scene.t))]
-        keys = [key for key in keys if built.values.exists(key)]
-        for before, after in itertools.pairwise(keys):
-            built.graph.add(gtsam.BetweenFactorPose3(before, after, gtsam.Pose3(), noise))
 
 
 def _add_measurements(built: BuiltGraph, scene: Scene, state: State, known: dict[int, Prior]) -> None:

@@ -11,7 +11,7 @@ from tossid.rotations import transform_inv
 from tossid.vision.pose_graph.corner_projection import corner_errors
 from tossid.vision.pose_graph.resect import chi2_scale, retract
 from tossid.vision.pose_graph.scene import Scene
-from tossid.vision.pose_graph.state import State, TimingModel
+from tossid.vision.pose_graph.state import State, TimingModel, by_step
 from tossid.vision.setup.layout import SQUARE
 
 Array = NDArray[np.float64]
@@ -75,7 +75,8 @@ def reproject(
     if timing is not None:
         delay = (scene.delay - timing.clock[scene.camera])[:, None]
         T_world_rig, T_world_body = (
-            retract(T, delay * _twists(timing, index, scene)) for T, index in ((T_world_rig, rig), (T_world_body, body))
+            retract(T, delay * by_step(timing.twist, index, scene.step))
+            for T, index in ((T_world_rig, rig), (T_world_body, body))
         )
     T_cam_tag = transform_inv(state.camera[scene.camera]) @ transform_inv(T_world_rig) @ T_world_body
     corners = scene.half[:, None, None] * printed_corners(state.prints[scene.tag])
@@ -110,11 +111,3 @@ def printed_corners(prints: Array) -> Array:
     """
     x, y = (SQUARE[:, k] * (1 + prints[..., k, None]) for k in (0, 1))
     return np.stack([x, y, SQUARE[:, 0] * SQUARE[:, 1] * prints[..., 2, None]], axis=-1)
-
-
-def _twists(timing: TimingModel, body: NDArray[np.int64], scene: Scene) -> Array:
-    out = np.zeros((len(body), 6))
-    for b, twist in enumerate(timing.twist):
-        own = body == b
-        out[own] = twist[scene.step[own] if len(twist) > 1 else np.zeros(own.sum(), dtype=np.int64)]
-    return out

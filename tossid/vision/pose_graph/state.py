@@ -48,17 +48,28 @@ class State:
             body: Number of the body, (d,).
             step: Time step, (d,).
         """
-        out = np.full((len(body), 4, 4), np.nan)
-        for b, T in enumerate(self.world):
-            own = body == b
-            out[own] = T[step[own] if len(T) > 1 else np.zeros(own.sum(), dtype=np.int64)]
-        return out
+        return by_step(self.world, body, step)
 
     def copy(self) -> State:
         """A copy that can be changed."""
         return State(
             self.camera.copy(), self.tag.copy(), [T.copy() for T in self.world], self.prints.copy(), list(self.gauge)
         )
+
+
+def by_step(values: Sequence[Array], body: Ints, step: Ints) -> Array:
+    """What holds for each row's body in its step, (d, *k).
+
+    Args:
+        values: Of each body, (n or 1, *k) by time step, one for all steps of a static body.
+        body: Number of the body, (d,).
+        step: Time step, (d,).
+    """
+    out = np.full((len(body), *values[0].shape[1:]), np.nan)
+    for b, value in enumerate(values):
+        own = body == b
+        out[own] = value[step[own] if len(value) > 1 else np.zeros(own.sum(), dtype=np.int64)]
+    return out
 
 
 def is_known(T: Array) -> Bools:

@@ -1,10 +1,9 @@
 """Tracking a long recording in pieces, so that memory does not grow with it.
 
-Where cameras' clocks are set coarsely, from all detections, and everything static is exactly known, time steps share
-only what is left of the clocks' offsets. Pieces of some seconds are then
+Where clocks agree and everything static is exactly known, time steps share nothing. Pieces of some seconds are then
 tracked one after another as detections come in; their poses and their part of the report are kept. Otherwise a
 recording is tracked as a whole, unless it is long: then stretches from all over it calibrate what is static, and the
-pieces follow with the result as their prior.
+clocks, and the pieces follow with the result as their prior.
 """
 
 from __future__ import annotations
@@ -24,7 +23,6 @@ from tossid.settings.tracking import StreamSettings, TrackSettings
 from tossid.types import Detection, PoseTrack
 from tossid.vision.cameras.camera import Camera
 from tossid.vision.pose_graph.clocks import Clocks, clock_offsets
-from tossid.vision.pose_graph.graph_builder import CLOCK_SIGMA
 from tossid.vision.pose_graph.report import FrameErrors, TrackReport
 from tossid.vision.pose_graph.setup_checks import Suspect
 from tossid.vision.pose_graph.state import Prior
@@ -66,8 +64,7 @@ def track_stream(
             file = stack.enter_context(tempfile.TemporaryFile(dir=spool_folder))
             detections = DetectionSpool(detections, file)
         clocks = clock_offsets(detections, cameras, layout, settings=settings) if settings.clocks else Clocks()
-        in_time, tracks = clocks.in_time(detections), _Tracks(keep)
-        tracked = _in_pieces(in_time, cameras, layout, settings, name, progress, tracks, clocks.offsets)
+        tracked = _in_pieces(detections, cameras, layout, settings, name, progress, _Tracks(keep), clocks)
     return replace(tracked, report=replace(tracked.report, clock_doubts=clocks.doubts))
 
 
@@ -84,15 +81,15 @@ def _in_pieces(
     name: str | None,
     progress: Callable[[int], None] | None,
     tracks: _Tracks,
-    late: Mapping[str, float],
+    clocks: Clocks,
 ) -> Tracked:
-    """Tracking of cameras whose clocks' offsets, `late` [s] by name, are subtracted but for a rest."""
-    sizes = settings.stream
-    pieces, statics = _Pieces(detections, sizes), None
-    if not statics_known(cameras, layout):
-        sample = _sample(detections, sizes) if all(body.stillness is None for body in layout.bodies) else None
-        whole = list(sample or detections)
-        statics = track_in_time(whole, cameras, layout, settings=settings, name=name, subtracted=late)
+    """Tracking of cameras whose clocks are apart as `clocks` says, but for a rest that is estimated."""
+    sizes, statics = settings.stream, None
+    if clocks.offsets or not statics_known(cameras, layout):
+        in_time = clocks.in_time(detections)
+        sample = _sample(in_time, sizes)
+        whole = list(sample or in_time)
+        statics = track_in_time(whole, cameras, layout, settings=settings, name=name, subtracted=clocks.offsets)
         if sample is None:
             tracks.extend(statics.tracks)
             if progress is not None:
@@ -100,20 +97,14 @@ def _in_pieces(
             return replace(statics, tracks=tracks.whole())
         del sample, whole  # frees their memory
         cameras, layout = statics.cameras, statics.layout
-        pieces.set_clocks(statics.report.clocks, late)
+        clocks = Clocks({camera: offset for camera, (offset, _) in statics.report.clocks.items()})
     done: list[Tracked] = []
     failed: list[InputError] = []
-    while piece := pieces.take():
-        open_ = late if pieces.clocks is None else {}
+    for piece in _pieces(clocks.in_time(detections), sizes):
         try:
-            tracked = track_in_time(piece, cameras, layout, settings=settings, name=name, subtracted=open_)
+            tracked = track_in_time(piece, cameras, layout, settings=settings, name=name)
         except InputError as error:  # no body is seen for a while
             failed.append(error)
-            continue
-        clocks = tracked.report.clocks
-        if open_ and all(sigma < CLOCK_SIGMA / 2 for _, sigma in clocks.values()):
-            # less than before the graph: the piece has motion that both see. It is cut again with the clocks
-            pieces.set_clocks(clocks, late, piece)
             continue
         tracks.extend(tracked.tracks)
         statics = statics or tracked
@@ -123,11 +114,7 @@ def _in_pieces(
     if statics is None or not done:
         raise failed[0] if failed else InputError("no detection of any tag of the scene: nothing to track")
     unseen = {f"in {len(failed)} stretches of {sizes.piece:g} s without a pose": len(failed)} if failed else {}
-    if pieces.clocks is None:  # no piece has motion enough
-        clocks = {camera: (offset, CLOCK_SIGMA) for camera, offset in late.items()}
-    else:
-        clocks = pieces.clocks
-    return _joined(done, statics, tracks.whole(), clocks, unseen)
+    return _joined(done, statics, tracks.whole(), unseen)
 
 
 def _sample(detections: Iterable[Detection], sizes: StreamSettings) -> list[Detection] | None:
@@ -146,60 +133,35 @@ def _sample(detections: Iterable[Detection], sizes: StreamSettings) -> list[Dete
 
 
 def statics_known(cameras: Sequence[Camera], layout: TagLayout) -> bool:
-    """Whether everything static is exactly known, and time steps share no other unknown."""
-    moving = any(body.stillness is not None for body in layout.bodies) or any(one.wiggle is not None for one in cameras)
+    """Whether everything static is exactly known."""
+    moving = any(one.wiggle is not None for one in cameras)
     known = [Prior.of_camera(camera) for camera in cameras]
     known += [Prior.of_body(body) for body in layout.bodies if body.is_static]
     known += [Prior.of_tag(tag) for body in layout.bodies for tag in body.tags]
     return layout.default_body is None and not moving and all(one is not None and one.exact for one in known)
 
 
-class _Pieces:
-    """Stretches of time, in order.
-
-    clocks: offsets of cameras' clocks and their standard deviations [s], by name, once they are known.
-    """
-
-    def __init__(self, detections: Iterable[Detection], sizes: StreamSettings) -> None:
-        self.clocks: dict[str, tuple[float, float]] | None = None
-        self._rest: dict[str, float] = {}
-        self._sizes = sizes
-        self._source = iter(detections)
-        self._waiting: list[Detection] = []
-
-    def take(self) -> list[Detection]:
-        """The next one, empty at the end."""
-        sizes = self._sizes
-        reach = sizes.piece + sizes.disorder
-        first = min((d.t for d in self._waiting), default=np.inf)
-        newest = max((d.t for d in self._waiting), default=-np.inf)
-        for detection in self._source:
-            d = self._in_time(detection)
+def _pieces(detections: Iterable[Detection], sizes: StreamSettings) -> Iterator[list[Detection]]:
+    """Stretches of time, in order, each cut at the widest gap between frames near its full length."""
+    source, waiting = iter(detections), list[Detection]()
+    while True:
+        first = min((d.t for d in waiting), default=np.inf)
+        newest = max((d.t for d in waiting), default=-np.inf)
+        for d in source:
             first, newest = min(first, d.t), max(newest, d.t)
-            self._waiting.append(d)
-            if newest > first + reach:
+            waiting.append(d)
+            if newest > first + sizes.piece + sizes.disorder:
                 break
-        if newest <= first + reach:
-            piece, self._waiting = self._waiting, []
-            return piece
-        t = np.unique([d.t for d in self._waiting if first + sizes.piece - sizes.border < d.t <= first + sizes.piece])
+        end = first + sizes.piece
+        if newest <= end + sizes.disorder:  # the source has no more
+            if waiting:
+                yield waiting
+            return
+        t = np.unique([d.t for d in waiting if end - sizes.border < d.t <= end])
         gap = int(np.argmax(np.diff(t))) if len(t) > 1 else -1
-        border = 0.5 * (t[gap] + t[gap + 1]) if gap >= 0 else first + sizes.piece
-        piece = [d for d in self._waiting if d.t <= border]
-        self._waiting = [d for d in self._waiting if d.t > border]
-        return piece
-
-    def set_clocks(
-        self, clocks: dict[str, tuple[float, float]], late: Mapping[str, float], piece: Sequence[Detection] = ()
-    ) -> None:
-        """Take a piece back, and subtract from all that waits what `late` has left of the clocks' offsets."""
-        self.clocks = clocks
-        self._rest = {camera: clocks.get(camera, (0.0, 0.0))[0] - offset for camera, offset in late.items()}
-        self._waiting = [self._in_time(d) for d in (*piece, *self._waiting)]
-
-    def _in_time(self, d: Detection) -> Detection:
-        rest = self._rest.get(d.camera)
-        return replace(d, t=d.t - rest) if rest else d
+        border = 0.5 * (t[gap] + t[gap + 1]) if gap >= 0 else end
+        yield [d for d in waiting if d.t <= border]
+        waiting = [d for d in waiting if d.t > border]
 
 
 class _Tracks:
@@ -238,7 +200,6 @@ def _joined(
     done: Sequence[Tracked],
     statics: Tracked,
     tracks: dict[str, PoseTrack],
-    clocks: dict[str, tuple[float, float]],
     unseen: dict[str, int],
 ) -> Tracked:
     """The pieces one after another, with what is static from `statics`. unseen: count of pieces without any pose."""
@@ -246,7 +207,6 @@ def _joined(
         *(np.concatenate([getattr(d.frames, field) for d in done]) for field in ("t", "camera", "rms", "tags"))
     )
     report = _one_report([d.report for d in done], statics.report, frames, [camera.name for camera in statics.cameras])
-    report = replace(report, clocks=clocks)
     report.dropped_tags.update(unseen)
     return Tracked(tracks, statics.cameras, statics.layout, frames, report)
 

@@ -55,44 +55,27 @@ class Hinge:
         return np.asarray((tilt / AXIS_SLACK) ** 2 + (shift / ANCHOR_SLACK) ** 2)
 
 
-@dataclass(frozen=True, eq=False)
-class Hinges:
-    """A chain of hinges outwards from a body: T_parent_body (m, 4, 4) at angle zero, axis and anchor (m, 3)."""
-
-    T_parent_body: Array
-    axis: Array
-    anchor: Array
-
-    @classmethod
-    def of(cls, hinges: Sequence[Hinge]) -> Hinges:
-        """The chain of single hinges.
-
-        Args:
-            hinges: From the body outwards.
-        """
-        return cls(
-            np.array([hinge.T_parent_body for hinge in hinges], dtype=float).reshape(-1, 4, 4),
-            np.array([hinge.axis for hinge in hinges], dtype=float).reshape(-1, 3),
-            np.array([hinge.anchor for hinge in hinges], dtype=float).reshape(-1, 3),
-        )
-
-    def swing(self, T_world_root: Array, angles: Sequence[float]) -> tuple[Array, Array]:
-        """The pose of the chain's last body, and how it depends on the root and the angles.
-
-        Args:
-            T_world_root: (4, 4) pose of the root.
-            angles: (m,) of the hinges [rad].
-
-        Returns:
-            T_world_body (4, 4), and the derivative (6, 6 + m) of its tangent with respect to the root's tangent and to
-            each angle.
-        """
-        T = np.ascontiguousarray(T_world_root)
-        return _swing(T, self.T_parent_body, self.axis, self.anchor, np.array(angles, dtype=float))
+def stacked(hinges: Sequence[Hinge]) -> tuple[Array, Array, Array]:
+    """A chain of m hinges outwards from a body: T_parent_body (m, 4, 4) at angle zero, axis and anchor (m, 3)."""
+    T_parent_body, axis, anchor = ([getattr(h, name) for h in hinges] for name in ("T_parent_body", "axis", "anchor"))
+    return np.reshape(T_parent_body, (-1, 4, 4)), np.reshape(axis, (-1, 3)), np.reshape(anchor, (-1, 3))
 
 
 @kernel
-def _swing(T_root: Array, at_zero: Array, axis: Array, anchor: Array, angles: Array) -> tuple[Array, Array]:
+def swing(T_root: Array, at_zero: Array, axis: Array, anchor: Array, angles: Array) -> tuple[Array, Array]:
+    """The pose of a chain's last body, and how it depends on the root and the angles.
+
+    Args:
+        T_root: (4, 4) pose of the root.
+        at_zero: (m, 4, 4) T_parent_body of each hinge at angle zero.
+        axis: (m, 3) of each, as `Hinge` has it.
+        anchor: (m, 3) of each, likewise.
+        angles: (m,) of the hinges [rad].
+
+    Returns:
+        T_world_body (4, 4), and the derivative (6, 6 + m) of its tangent with respect to the root's tangent and to
+        each angle.
+    """
     m = len(angles)
     T, J = T_root.copy(), np.zeros((6, 6 + m))
     for i in range(6):

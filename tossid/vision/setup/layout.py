@@ -59,8 +59,6 @@ class Body:
         tags: The tags on it.
         position_noise: (3,) standard deviations of its position [m], None for an exact one.
         rotation_noise: (3,) standard deviations of its orientation [rad], None for an exact one.
-        stillness: Standard deviations (translation [m], rotation [rad]) of its motion from one frame to the next
-            (TagSLAM's fake odometry); None for any motion.
         ignored_tags: Ids that are not taken for its own.
         hinge: Hinge on which a moving body hangs, None for a free one.
     """
@@ -72,7 +70,6 @@ class Body:
     tags: tuple[BodyTag, ...] = ()
     position_noise: Array | None = None
     rotation_noise: Array | None = None
-    stillness: tuple[float, float] | None = None
     ignored_tags: frozenset[int] = frozenset()
     hinge: Hinge | None = None
 

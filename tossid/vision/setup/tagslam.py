@@ -183,13 +183,8 @@ def _read_body(path: Path, name: str, body: dict[str, Any], defaults: dict[str, 
     if None not in override:
         p, r = (np.full(3, number(path, f"{name}.override_tag_noise", value)) for value in override)
         tags = [replace(tag, position_noise=p, rotation_noise=r) for tag in tags]
-    still = [body.get(f"fake_odom_{key}_noise") for key in ("translation", "rotation")]
-    stillness = None
-    if None not in still and not is_static:
-        translation, rotation = (number(path, f"{name}.fake_odom_noise", value) for value in still)
-        stillness = (translation, rotation) if translation > 0 and rotation > 0 else None
     ignored = _ids(path, f"{name}.ignore_tags", body.get("ignore_tags") or [])
-    return Body(name, is_static, T_map_body, default_size, tuple(tags), noise[0], noise[1], stillness, ignored)
+    return Body(name, is_static, T_map_body, default_size, tuple(tags), noise[0], noise[1], ignored)
 
 
 def _ids(path: Path, where: str, value: Any) -> frozenset[int]:
