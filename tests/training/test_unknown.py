@@ -48,6 +48,7 @@ def test_shape_centre_and_inertia_are_those_of_the_brick(dataset: Dataset) -> No
     assert found.object.com[0] == pytest.approx(true.com[0], abs=1e-3)
     assert found.object.inertia[0] == pytest.approx(true.inertia[0], rel=0.1, abs=1e-5)
     assert found.fall.gravity == pytest.approx(9.81, abs=0.05)
+    assert found.object.friction == pytest.approx(true.friction, abs=0.01)
     assert found.object.mass == pytest.approx([0.4])
 
 

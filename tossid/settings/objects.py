@@ -43,7 +43,7 @@ class UnknownObjectSettings(Checked):
     links: Annotated[int, Bounds(low=1, high=2)] = 1
     """rigid bodies of which it consists: 1, or 2 on a hinge, whose poses are tracked each"""
     friction: Friction = 0.3
-    """Coulomb friction that training starts from"""
+    """Coulomb friction that training starts from where too few tosses slide to show it"""
 
 
 _LIBRARY = Path("tossid/objects/library")

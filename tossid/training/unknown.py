@@ -1,7 +1,8 @@
 """An object of which nothing is known: its start for training, from tracked poses alone.
 
 The shape comes from the half-spaces that frames bound (`tossid.objects.convex_shape`), the centre of mass from free
-fall (`tossid.motion.free_fall`). The inertia is that of an evenly filled shape. Training refines what is not sure.
+fall (`tossid.motion.free_fall`), friction from what slides (`tossid.motion.sliding`). The inertia is that of an evenly
+filled shape. Training refines what is not sure.
 
 Of two links on a hinge, each has a shape, and flight shows the parts of their common centre of mass
 (`tossid.motion.links`). The mass ratio, on which no motion depends, is that of the volumes.
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from tossid.errors import InputError
 from tossid.motion.free_fall import FreeFall, find_parabola, free_fall
 from tossid.motion.links import body_tracks, com_of_moments, determined, moments_of_com
+from tossid.motion.sliding import Sliding, sliding_friction
 from tossid.objects import ObjectModel, to_mjcf, unstated_object
 from tossid.objects.convex_shape import ConvexShape, find_shape
 from tossid.objects.half_spaces import half_spaces
@@ -33,6 +35,8 @@ sure, whatever their standard error [m]: edges are round, or the recording has e
 SURE = 3e-4
 """Standard error up to which corners, and the centre of mass, stay as the tosses showed them [m]: training would move
 them to explain what its model lacks."""
+SURE_FRICTION, FEWEST_SLIDING = 0.02, 4
+"""Standard error up to which friction starts as sliding shows it, and tosses in which something slides."""
 REST_OFF_REL, MOST_REST_OFF = 0.02, 0.1
 """Share of the mean width by which the shape may be above or below the ground when a toss has come to rest, and share
 of the tosses at rest that may be farther off; from two on, more are refused: the body's frame jumps."""
@@ -52,6 +56,7 @@ class UnknownObject(NamedTuple):
         shapes: Of each link: its corners with their certainty, and where it may reach further.
         alone: How many contacts show each corner of each link while no other link touches.
         fall: Its centre of mass and gravity.
+        sliding: Its friction.
         off: How far the shape is above the ground at the end of each toss that rests elsewhere, by the toss's name [m].
     """
 
@@ -59,6 +64,7 @@ class UnknownObject(NamedTuple):
     shapes: tuple[ConvexShape, ...]
     alone: tuple[NDArray[np.int64], ...]
     fall: FreeFall
+    sliding: Sliding
     off: Mapping[str, float]
 
     def kept(self) -> dict[str, bool]:
@@ -97,6 +103,8 @@ class UnknownObject(NamedTuple):
             }
         return {
             **own,
+            "friction": self.sliding.friction if self.sliding.tosses else None,
+            "friction_deviation": self.sliding.deviation if self.sliding.tosses > 1 else None,
             "rest_off_ground_m": dict(self.off),
             "ground_height_m": float(ground[0]),
             "ground_slope": ground[1:].round(6).tolist(),
@@ -140,7 +148,14 @@ def unknown_object(
 
     fall = free_fall(tosses, tree, clearance)
     model = _filled(tree, shapes, fall, settings)
-    return UnknownObject(model.with_changes(mjcf=to_mjcf(model)), shapes, alone, fall, off)
+    sliding = sliding_friction(tosses, model, gravity=fall.gravity)
+    if _is_sure_of(sliding):
+        model = model.with_changes(friction=sliding.friction)
+    return UnknownObject(model.with_changes(mjcf=to_mjcf(model)), shapes, alone, fall, sliding, off)
+
+
+def _is_sure_of(sliding: Sliding) -> bool:
+    return sliding.tosses >= FEWEST_SLIDING and sliding.deviation < SURE_FRICTION
 
 
 def _shapes(
