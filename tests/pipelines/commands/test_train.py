@@ -32,10 +32,10 @@ from tossid.training.fit import Fit
 train.SAVE_EVERY_S = 1e-9
 step = Fit._step
 def slow(self, *args):
-    time.sleep(0.15)
+    time.sleep(float(sys.argv[1]))
     return step(self, *args)
 Fit._step = slow
-app.main(sys.argv[1:])
+app.main(sys.argv[2:])
 """
 """`tossid`, with time to interrupt a training."""
 
@@ -47,10 +47,10 @@ def parameters_in(folder: Path) -> dict[str, torch.Tensor]:
 
 
 @contextmanager
-def training(folder: Path, *, epochs: int) -> Iterator[subprocess.Popen[str]]:
-    """A training in a process of its own that has kept so many epochs."""
+def training(folder: Path, *, epochs: int, pause: float = 0.15) -> Iterator[subprocess.Popen[str]]:
+    """A training in a process of its own that has kept so many epochs, with a pause before each step [s]."""
     with subprocess.Popen(
-        [sys.executable, "-c", SLOW, *TRAIN], stderr=subprocess.PIPE, text=True, cwd=folder
+        [sys.executable, "-c", SLOW, str(pause), *TRAIN], stderr=subprocess.PIPE, text=True, cwd=folder
     ) as running:
         deadline, kept = time.monotonic() + 300, set[int]()  # the times at which an epoch was kept
         while time.monotonic() < deadline and running.poll() is None and len(kept) < epochs:
@@ -105,7 +105,7 @@ def test_what_becomes_of_an_interrupted_training(
     shutil.copytree(made, project, dirs_exist_ok=True)
     (checkpoint,) = project.glob("outputs/train/*/checkpoint.pt")
     before = checkpoint.read_bytes()
-    with training(project, epochs=3) as running:
+    with training(project, epochs=3, pause=1.0) as running:  # which outlasts another command
         again = subprocess.run([sys.executable, "-m", "pipelines.cli.app", *TRAIN], capture_output=True, text=True)
         assert again.returncode == 1
         assert f"process {running.pid}" in one_line(again.stderr)
@@ -130,7 +130,7 @@ def test_what_becomes_of_an_interrupted_training(
         assert says in capfd.readouterr().err
         new = find_runs(command="train")[0].info
         assert (new.status, new.run_id != left) == ("FINISHED", True)
-        assert metric_history(new.run_id, "continuous/train")[0][0] == 1  # earlier epochs are there too
+        assert metric_history(new.run_id, "flight/train")[0][0] == 1  # earlier epochs are there too
 
 
 def test_what_train_leaves(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
