@@ -38,12 +38,15 @@ singular."""
 
 
 def scatter(third: Array) -> float:
-    """Robust standard deviation of a quantity's noise: the third differences of smooth motion are far smaller.
+    """Robust standard deviation of a quantity's noise, rms over its axes; third differences of motion are far smaller.
+
+    Axis by axis: what one camera sees is ten times as noisy along its view as across.
 
     Args:
-        third: Third differences, of any shape; those of white noise have 20 times its variance.
+        third: Third differences (n, d); those of white noise have 20 times its variance.
     """
-    return float(NORMAL_MAD * np.median(np.abs(third)) / np.sqrt(20.0))
+    size = NORMAL_MAD * np.median(np.abs(third), axis=0)
+    return float(np.sqrt(np.mean(size**2) / 20.0))
 
 
 def frame_noise(track: PoseTrack, com: Array) -> tuple[Array, Array]:
@@ -58,8 +61,7 @@ def frame_noise(track: PoseTrack, com: Array) -> tuple[Array, Array]:
     turn = quat_boxminus(track.q[1:, 3:7], track.q[:-1, 3:7])
     out = []
     for third, own in ((np.diff(com, n=3, axis=0), slice(0, 3)), (np.diff(turn, n=2, axis=0), slice(3, 6))):
-        # axis by axis: what one camera sees is ten times as noisy along its view as across
-        noise = np.full(len(com), np.sqrt(np.mean([scatter(axis) ** 2 for axis in third.T])))
+        noise = np.full(len(com), scatter(third))
         if track.q_cov is not None:
             noise = np.maximum(noise, np.sqrt(np.linalg.eigvalsh(track.q_cov[:, own, own])[:, -1]))
         out.append(noise)
