@@ -99,8 +99,8 @@ TEXTS = [
 
 @pytest.mark.parametrize("text", TEXTS)
 def test_text_is_taken_as_typed(text: str) -> None:
-    config = load("new-object", NewObjectConfig, [*BOX[1:], f"name={text}", f"out=/tmp/{text}"])
-    assert (config.name, config.out) == (text, Path(f"/tmp/{text}"))
+    config = load("new-object", NewObjectConfig, [*BOX[1:], f"name={text}", f"out=made/{text}"])
+    assert (config.name, config.out) == (text, Path(f"made/{text}"))
 
 
 @settings(max_examples=15, deadline=None)

@@ -134,11 +134,11 @@ def _sample(detections: Iterable[Detection], sizes: StreamSettings) -> list[Dete
 
 def statics_known(cameras: Sequence[Camera], layout: TagLayout) -> bool:
     """Whether everything static is exactly known."""
-    moving = any(one.wiggle is not None for one in cameras)
+    wiggles = any(one.wiggle is not None for one in cameras)
     known = [Prior.of_camera(camera) for camera in cameras]
     known += [Prior.of_body(body) for body in layout.bodies if body.is_static]
     known += [Prior.of_tag(tag) for body in layout.bodies for tag in body.tags]
-    return layout.default_body is None and not moving and all(one is not None and one.exact for one in known)
+    return layout.default_body is None and not wiggles and all(one is not None and one.exact for one in known)
 
 
 def _pieces(detections: Iterable[Detection], sizes: StreamSettings) -> Iterator[list[Detection]]:
